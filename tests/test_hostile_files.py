@@ -16,12 +16,14 @@ import numpy as np
 import pytest
 
 from dfdbench.board.row_file import known_fingerprints, read_row
+from dfdbench.building.export import STACK_FILE
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import read_manifest
 from dfdbench.errors import DfdbenchError
 from dfdbench.evaluation.fitting import FIT, read_fit
 from dfdbench.evaluation.loading import load_for
-from dfdbench.evaluation.map_files import find_predictions
+from dfdbench.evaluation.map_files import KeptMaps, find_predictions
+from dfdbench.evaluation.photographs import read_images, read_stack
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.parameters import read_fields
 from dfdbench.optics.lens_table import read_lens_table
@@ -100,6 +102,8 @@ READERS: dict[str, Callable[[Path], object]] = {
     "published/table.json": lambda path: load_published(path.parents[1]),
     "fingerprints.json": lambda path: known_fingerprints(path.parent),
     "mine.toml": read_manifest,
+    "defocus.png": lambda path: read_images([path]),
+    STACK_FILE: lambda path: read_stack(path.parent),
     "recipe.toml": read_fields,
     "lens.csv": read_lens_table,
     "registration.json": read_registration,
@@ -132,6 +136,22 @@ def test_a_file_is_what_it_should_be_or_not_read(tmp_path: Path, trap: Trap, nam
         make(path)
         with impatient(), pytest.raises(DfdbenchError):
             READERS[name](path)
+
+
+@pytest.mark.parametrize("place", ["One/depth/zarr.json", "One/depth/c*", "zarr.json"])
+def test_a_store_waits_for_no_pipe(tiny_store: Dataset, place: str) -> None:
+    for path in Path(str(tiny_store.path)).glob(place):
+        path.unlink()
+        os.mkfifo(path)
+    with impatient(), pytest.raises(DfdbenchError, match="not a regular file"):
+        Dataset(tiny_store.path).read(tiny_store.pairs("One")[0])
+
+
+def test_maps_wait_for_no_pipe(tmp_path: Path, tiny_store: Dataset) -> None:
+    os.mkfifo(tmp_path / ".predicted.json")
+    method = load_for(tiny_store, "constant", {"training_mean": 90.0})
+    with impatient():
+        assert KeptMaps(tmp_path, method, {}).set_aside is None
 
 
 class StillWaitingError(BaseException):

@@ -24,7 +24,7 @@ from dfdbench.methods.method import DepthMap, Method
 from dfdbench.metrics.protocol import Unit
 from dfdbench.results.run_folder import previous_of
 from dfdbench.system.array_files import UNREADABLE_IMAGE, load_array, load_arrays
-from dfdbench.system.files import write_whole
+from dfdbench.system.files import read_text, write_whole
 from dfdbench.system.text import parse_json
 from dfdbench.tables.table import listed
 
@@ -97,7 +97,7 @@ class KeptMaps:
         differences: Sequence[str] = ()
         # Ignore a record that cannot be read or is not ours.
         with contextlib.suppress(OSError, ValueError, TypeError, AttributeError, KeyError):
-            before = parse_json((folder / _RECORD).read_text("utf-8"))
+            before = parse_json(read_text(folder / _RECORD))
             self._maps = {
                 str(name): {key: f"{found[key]}" for key in ("file", "images", "map")}
                 for name, found in before.pop("maps").items()

@@ -15,6 +15,7 @@ from dfdbench.building.sources.captured_images import in_one
 from dfdbench.datasets.captured_files import OF_CAMERA, CapturedFiles
 from dfdbench.datasets.captures import ROLES
 from dfdbench.errors import DfdbenchError, InputError, Problem, SourceError, reason_of
+from dfdbench.system.files import LARGEST_ARRAY, read_text, read_whole
 from dfdbench.system.text import parse_json
 
 if TYPE_CHECKING:
@@ -46,7 +47,8 @@ def read_images(
             continue
         path = Path(image)
         try:
-            found.append(image_files.read_photograph(path.read_bytes(), str(path), *how))
+            content = read_whole(path, LARGEST_ARRAY)
+            found.append(image_files.read_photograph(content, str(path), *how))
         except DfdbenchError as error:
             problems += error.problems
         except OSError as error:
@@ -66,7 +68,7 @@ def read_stack(place: Path) -> xarray.DataArray:
     import xarray
 
     try:
-        said = parse_json((place / STACK_FILE).read_text("utf-8"))
+        said = parse_json(read_text(place / STACK_FILE))
         # An exported image is full, however dark.
         files = CapturedFiles(image_bits=16)
         for name in said["images"]:

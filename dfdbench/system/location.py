@@ -1,5 +1,6 @@
 """A place that holds a data set: a local folder, or the URL of an object store."""
 
+import contextlib
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,8 +9,11 @@ from typing import Any
 import zarr.abc.store
 import zarr.storage
 from upath import UPath
+from zarr.abc.buffer import Buffer, BufferPrototype
+from zarr.abc.store import ByteRequest
 
 from dfdbench.errors import InputError, reason_of
+from dfdbench.system.files import require_file
 
 #: The types that a place may be given as.
 Place = str | Path | UPath
@@ -65,10 +69,25 @@ def is_local(location: UPath) -> bool:
     return location.protocol in _LOCAL
 
 
+class _RegularFiles(zarr.storage.LocalStore):
+    """A local store that refuses a pipe or a device in place of a file: reading may never end."""
+
+    async def get(
+        self,
+        key: str,
+        prototype: BufferPrototype | None = None,
+        byte_range: ByteRequest | None = None,
+    ) -> Buffer | None:
+        """Return what lies under a key, None where there is no file."""
+        with contextlib.suppress(FileNotFoundError, NotADirectoryError, IsADirectoryError):
+            require_file(self.root / key)
+        return await super().get(key, prototype, byte_range)
+
+
 def zarr_store(location: UPath) -> zarr.abc.store.Store:
     """Return the store object through which zarr reads and writes a place."""
     if is_local(location):
-        return zarr.storage.LocalStore(Path(location.path))
+        return _RegularFiles(Path(location.path))
     # Do not cache listings: another process may have written since this one last looked.
     options = {**location.storage_options, "use_listings_cache": False}
     return zarr.storage.FsspecStore.from_url(str(location), storage_options=options)
