@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, Field, ValidationError
 from upath import UPath
 from zarr.abc.buffer import Buffer, BufferPrototype
 from zarr.abc.store import ByteRequest, Store
@@ -126,17 +126,42 @@ def scene_record(attributes: Mapping[Any, Any], where: str) -> SceneRecord:
         raise StoreError.of(problems_of(error, what, file=where, fix=fix)) from error
 
 
+def _as_recipe(recipe: dict[str, Any]) -> dict[str, Any]:
+    if not (isinstance(recipe.get("name"), str) and isinstance(recipe.get("parameters"), dict)):
+        raise ValueError("a name and a table of parameters")
+    return recipe
+
+
+class _StoreRecord(BaseModel):
+    """What a store says about itself: its attributes, as far as they are used."""
+
+    dfdbench_version: str
+    manifest: str
+    manifest_sha256: str
+    recipe: Annotated[dict[str, Any], AfterValidator(_as_recipe)]
+    degradation: str
+    options: dict[str, Any]
+    fingerprint: _Digest
+    missing_pairs: list[str] = Field(default_factory=list)
+
+
 def check_attributes(attributes: Mapping[str, Any], where: str) -> None:
     """Refuse a store whose attributes are not as a build wrote them.
 
     Raises
     ------
     StoreError
-        If their hash is different.
+        If their hash is different, or one is missing or of another type.
     """
+    what = "the store's attributes are damaged, or were edited after it was built"
+    fix = "delete it and build it again"
     if attributes_digest(attributes) != attributes.get(ATTRIBUTES_SHA256):
-        what = "the store's attributes are damaged, or were edited after it was built"
-        raise StoreError(what, where=where, fix="delete it and build it again")
+        raise StoreError(what, where=where, fix=fix)
+    try:
+        # Whoever edits them can hash them, too.
+        _StoreRecord.model_validate(attributes)
+    except ValidationError as error:
+        raise StoreError.of(problems_of(error, what, file=where, fix=fix)) from error
 
 
 class WholeArrays(WrapperStore[Store]):

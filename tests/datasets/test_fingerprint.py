@@ -1,6 +1,7 @@
 import asyncio
 import hashlib
 import json
+import re
 import shutil
 from collections.abc import Callable
 from functools import partial
@@ -73,6 +74,24 @@ def test_a_store_whose_attributes_were_edited_is_refused(tiny_store: Dataset) ->
         with pytest.raises(StoreError, match="were edited after"):
             Dataset(path)
         (path / "zarr.json").write_text(whole)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("recipe", 5), ("recipe", {}), ("options", None), ("missing_pairs", 5), ("fingerprint", [1])],
+)
+def test_attributes_of_another_type_are_told_by_name(
+    tiny_store: Dataset, name: str, value: object
+) -> None:
+    path = damaged(
+        tiny_store,
+        "",
+        lambda content: content.update(
+            attributes=fingerprint.signed({**content["attributes"], name: value})
+        ),
+    )
+    with pytest.raises(StoreError, match=rf"\({re.escape(str(path))}: {name}"):
+        Dataset(path)
 
 
 def test_a_store_of_an_edited_released_manifest_is_refused(tiny_store: Dataset) -> None:
