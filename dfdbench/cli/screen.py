@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from typer import Exit
 
-from dfdbench.errors import InputError
+from dfdbench.errors import InputError, spelt_out
 from dfdbench.statuses import DONE, INTERRUPTED
 from dfdbench.tables.table import Format, Table, least_width, without
 
@@ -177,9 +177,8 @@ def progress(what: str, resumed: str = GOES_ON) -> Iterator[Callable[..., None]]
     interrupted work has added to the exception, else as `resumed` has it.
     """
     from rich.filesize import decimal
-    from rich.text import Text
 
-    name = Text(what).plain
+    name = spelt_out(what)
     said = begun = opened = time.monotonic()
     first: int | None = None
     with _bar() as bar:
@@ -215,10 +214,10 @@ def _bar() -> Progress:
     from rich.console import Console
 
     columns = (
-        bars.TextColumn("{task.description}"),
+        bars.TextColumn("{task.description}", markup=False),
         bars.BarColumn(),
         bars.MofNCompleteColumn(),
-        bars.TextColumn("{task.fields[more]}"),
+        bars.TextColumn("{task.fields[more]}", markup=False),
         bars.TextColumn("left"),
         bars.TimeRemainingColumn(),
     )

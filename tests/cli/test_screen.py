@@ -57,3 +57,14 @@ def test_a_table_of_others_text_steers_no_terminal(capsys: pytest.CaptureFixture
     out = capsys.readouterr().out
     assert "mine\\x1b[2J\\r" in out
     assert not {"\x1b", "\x07", "\r", "\x9b"} & set(out)
+
+
+def test_the_text_of_a_bar_steers_no_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    with screen.progress("q[/x]/m.py\x1b[2J") as step:
+        step(1, 2, "[/y]")
+    shown = capsys.readouterr().err
+    assert "q[/x]/m.py\\x1b[2J" in shown
+    assert "[/y]" in shown
