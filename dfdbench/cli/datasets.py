@@ -20,7 +20,7 @@ from dfdbench.cli.options import Cache, DataSetArgument, Facts, Printed, Workers
 from dfdbench.cli.screen import command, progress, say, show
 from dfdbench.datasets import catalog
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import DfdbenchError, InputError, unknown_name
+from dfdbench.errors import DfdbenchError, InputError, spelt_out, unknown_name
 from dfdbench.statuses import NO
 from dfdbench.system.cache import KINDS, cache_entries, cache_folder, remove_entries
 from dfdbench.system.packages import EXTRAS
@@ -250,7 +250,7 @@ def _show_store(store: Dataset, format: str) -> None:
         f"{len(missing)} missing",
     ]
     if format == Format.table:
-        print("\n".join(lines))
+        print(spelt_out("\n".join(lines)))
     facts = {"path": store.path, "built": True, "size": size_of(store.path)}
     facts |= {name: value for name, value in attributes.items() if name != "manifest"}
     show(format, _scene_tables(store), manifest=_as_data(store.manifest), store=facts)

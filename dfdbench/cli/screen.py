@@ -136,7 +136,7 @@ def show(format: str | None, tables: Sequence[Table] = (), text: str = "", **fac
 
         print(as_json(tables, **facts) if form is Format.json else render(tables, form), end="")
     if text and form not in (Format.csv, Format.json):
-        print(text)
+        print(spelt_out(text))
 
 
 def require_picture(path: Path) -> None:

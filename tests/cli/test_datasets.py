@@ -1,9 +1,12 @@
+import json
 from pathlib import Path
 
 import pytest
 
 import dfdbench as package
 from dfdbench.datasets.catalog import own_stores
+from dfdbench.datasets.dataset import Dataset
+from dfdbench.datasets.fingerprint import signed
 from dfdbench.system.packages import EXTRAS
 from tests.cli.command import Command
 from tests.site import Site
@@ -79,6 +82,21 @@ def test_info_shows_the_data_set_and_lists_pairs_for_a_pipe(dfdbench: Command) -
     assert "  depth      metres, from 0.3 m to 20 m\n" in dfdbench("info zedd").out
     lines = dfdbench("info middlebury --pairs test").out.splitlines()
     assert (len(lines), lines[0]) == (54, "Art/view1/illumination1/exposure0")
+
+
+def test_info_of_others_text_steers_no_terminal(
+    dfdbench: Command, tiny_toml: str, tiny_store: Dataset
+) -> None:
+    text = Path(tiny_toml).read_text().replace("Tiny set", "Tiny\\u001b[2J")
+    Path(tiny_toml).write_text(text)
+    place = Path(str(tiny_store.path)) / "zarr.json"
+    content = json.loads(place.read_text())
+    others = {**content["attributes"], "dfdbench_version": "Tiny\x1b[2J"}
+    place.write_text(json.dumps({**content, "attributes": signed(others)}))
+    for name in (tiny_toml, str(tiny_store.path)):
+        shown = dfdbench("info", name).out
+        assert "\x1b" not in shown
+        assert "Tiny\\x1b[2J\n" in shown
 
 
 def test_it_tells_versions_extras_and_what_lies_in_the_cache(
