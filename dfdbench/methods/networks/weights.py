@@ -19,6 +19,7 @@ from dfdbench.methods.networks.volume import VolumeNet
 from dfdbench.system.files import require_file, write_whole
 from dfdbench.system.strict import Record, problems_of
 from dfdbench.system.text import TRAININGS
+from dfdbench.tables.render import escape_markdown
 
 NETWORKS: dict[str, type[nn.Module]] = {
     "dfd-net": DfDNet,
@@ -249,8 +250,8 @@ def card_as_markdown(card: Card) -> str:
         "method": card.method,
         "architecture": _as_text(card.architecture),
         "parameters": f"{card.parameters:,}",
-        "trained on": card.trained_on,
-        "started from": card.started_from or "random weights",
+        "trained on": escape_markdown(card.trained_on),
+        "started from": escape_markdown(card.started_from) or "random weights",
         "data set": ", fingerprint ".join(filter(None, (card.dataset, card.fingerprint))),
         "recipe": card.recipe or "none: captured defocus",
         "seed": str(card.seed),
@@ -265,7 +266,7 @@ def card_as_markdown(card: Card) -> str:
     }
     lines = [f"| {name} | {value} |" for name, value in rows.items()]
     others = " where no other is named" if card.further_scores else ""
-    head = f"# {card.method}, {card.trained_on}\n\n| | |\n|:---|:---|"
+    head = f"# {card.method}, {escape_markdown(card.trained_on)}\n\n| | |\n|:---|:---|"
     note = (
         f"Scores are means over pairs under the protocol `thesis`{others}. Written by "
         "`dfdbench train`."

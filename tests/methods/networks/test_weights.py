@@ -36,6 +36,14 @@ def test_weights_come_back_with_their_card_and_are_the_same_bytes_again(
     assert (tmp_path / "again.safetensors").read_bytes() == weights.read_bytes()
 
 
+def test_a_card_shows_others_text_as_it_is() -> None:
+    theirs = "a | b\n<b>"
+    told = card().model_copy(update={"trained_on": theirs, "started_from": theirs})
+    page = files.card_as_markdown(told)
+    assert page.count("a \\| b &lt;b&gt;") == 3
+    assert "<b>" not in page
+
+
 def test_weights_that_cannot_be_used_say_why(weights: Path, tmp_path: Path) -> None:
     content = weights.read_bytes()
     for cut in (0, 5, len(content) // 2, len(content) - 1):
