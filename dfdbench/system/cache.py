@@ -48,7 +48,7 @@ def cache_folder(folder: Path | str | None = None) -> Path:
     Raises
     ------
     InputError
-        If it is a URL: downloads and builds go to this machine first.
+        If it is a URL: downloads and builds go to this machine first; or if ``~`` leads nowhere.
 
     Examples
     --------
@@ -57,8 +57,11 @@ def cache_folder(folder: Path | str | None = None) -> Path:
     """
     named = folder or os.environ.get("DFDBENCH_CACHE") or platformdirs.user_cache_dir("dfdbench")
     found = Path(os.path.expanduser(named))
+    where = "--cache" if folder else "DFDBENCH_CACHE"
+    if str(found).startswith("~"):
+        what = f"there is no such home folder: {named}"
+        raise InputError(what, where=where, fix="write the whole path")
     if is_address(found):
-        where = "--cache" if folder else "DFDBENCH_CACHE"
         fix = "name a folder; `dfdbench build NAME --store URL` builds a store elsewhere"
         what = f"the cache is no folder of this machine: {named}"
         raise InputError(what, where=where, fix=fix)

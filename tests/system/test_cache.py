@@ -14,6 +14,9 @@ def test_where_the_cache_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("DFDBENCH_CACHE", "~/cache")
     assert cache_folder() == tmp_path / "cache"
+    monkeypatch.setenv("DFDBENCH_CACHE", "~nosuch/x")
+    with pytest.raises(InputError, match="no such home folder: ~nosuch/x"):
+        cache_folder()
     monkeypatch.delenv("DFDBENCH_CACHE")
     assert "dfdbench" in str(cache_folder())
 
