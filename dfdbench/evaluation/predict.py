@@ -42,6 +42,7 @@ from dfdbench.metrics.protocol import Unit
 from dfdbench.optics.sharpness import laplacian_energy
 from dfdbench.results.record import RESULT, Result, load_result
 from dfdbench.results.run_folder import read_store_place
+from dfdbench.system.files import read_text
 from dfdbench.system.text import parse_json
 from dfdbench.tables.table import counted
 
@@ -281,7 +282,7 @@ class DepthPredictor:
         for paths in captures:
             # What cannot be read gets no depth map.
             with contextlib.suppress(OSError, ValueError, LookupError, TypeError, AttributeError):
-                text = "{}" if len(paths) == 2 else (paths[0] / STACK_FILE).read_text("utf-8")
+                text = "{}" if len(paths) == 2 else read_text(paths[0] / STACK_FILE)
                 in_metres = parse_json(text).get("attributes", {}).get("unit") == "metres"
                 kinds.add("metres" if in_metres else "levels")
         units = {self.method.answers_in(kind) for kind in kinds}

@@ -21,7 +21,7 @@ from dfdbench.metrics.protocol import Unit
 from dfdbench.results.output_place import RUN_IDENTITY
 from dfdbench.results.record import Environment, PairResult, Result
 from dfdbench.system.files import LARGEST_ARRAY, read_text, read_whole, whole_files, write_whole
-from dfdbench.system.location import CHUNK_KEYS, Place, as_location, is_local
+from dfdbench.system.location import CHUNK_KEYS, Place, as_location, is_local, zarr_store
 from dfdbench.system.text import parse_json
 from dfdbench.tables.table import listed
 
@@ -235,7 +235,7 @@ def read_prediction(
         return None
     try:
         # No earlier format, because one of its codecs can run code that the file chooses.
-        group = zarr.open_group(place, mode="r", zarr_format=3)
+        group = zarr.open_group(zarr_store(as_location(place)), mode="r", zarr_format=3)
         if name == "sigma" and name not in group:
             return None
         array: Any = group[name]
