@@ -634,7 +634,7 @@ def compare(
     Parameters
     ----------
     *runs : Run, Path or str
-        Runs, or their folders.
+        Runs, or their folders. Of a run on tracks, only its clean images are compared.
     protocol : str, optional
         By default the data set's first.
     dataset : str, optional
@@ -657,6 +657,8 @@ def compare(
         if not isinstance(one, Run | Path | str):
             fix = "give each run, or its folder, as an argument of its own: compare(*runs)"
             raise InputError("not a run", where="runs", got=type(one).__name__, fix=fix)
+    if any(isinstance(one, Run) and one._on_tracks for one in runs):
+        warnings.warn("of a run on tracks, only its clean images are compared", stacklevel=2)
     label = find_protocol(protocol).label if protocol else None
     opened = [one._first if isinstance(one, Run) else open_saved_run(one, dataset) for one in runs]
     return Comparison(opened, label, most, runs)

@@ -91,6 +91,9 @@ def test_runs_compare_with_the_first(done: dfdbench.Run, tiny_store: Dataset) ->
     assert found.table()["low"].dtype == float  # all of them unknown, with so few scenes
     with pytest.raises(InputError, match="two runs"):
         dfdbench.compare(done)
+    tracks = dfdbench.Run(dict.fromkeys(("clean", "gain-1"), done._first))
+    with pytest.warns(UserWarning, match="only its clean"), pytest.raises(InputError, match="two"):
+        dfdbench.compare(tracks)
     with pytest.raises(InputError, match=r"not a run .*: got list\n.*compare\(\*runs\)"):
         dfdbench.compare([done, done])  # type: ignore[arg-type]
 

@@ -101,18 +101,22 @@ class Run:
 
     @property
     def scores(self) -> pd.DataFrame:
-        """Every score: a row per track, pair, protocol and metric."""
+        """Every score: a row per track, severity, pair, protocol and metric."""
         return scores_of(list(self.results.values()))
 
     def to_frame(self, protocol: str | None = None) -> pd.DataFrame:
-        """Return the pairs' scores under one protocol, by default the run's own; a row per pair."""
+        """Return the pairs' scores under one protocol, by default the run's own; a row per pair.
+
+        For a run on tracks, those of clean images.
+        """
         return frame_of(self.result, self._asked(protocol))
 
     @property
     def regions(self) -> pd.DataFrame:
         """The NRMSE of each pair at edges, in flat regions, far and near; NaN if it has none.
 
-        `dfdbench.metrics.regions.REGIONS` defines these regions.
+        For a run on tracks, that on clean images. `dfdbench.metrics.regions.REGIONS` defines these
+        regions.
         """
         pairs = self.result.pairs
         rows = [[pair.regions.get(region) for region in REGIONS] for pair in pairs]
@@ -130,8 +134,8 @@ class Run:
         Returns
         -------
         DataFrame
-            A row per group of pairs, a column per metric; for a run on tracks, a row per track.
-            NaN where not every pair of the group was evaluated.
+            A row per group of pairs, a column per metric; for a run on tracks, a row per track and
+            severity. NaN where not every pair of the group was evaluated.
 
         Raises
         ------
@@ -177,7 +181,8 @@ class Run:
     def predictions(self) -> Iterator[tuple[str, NDArray[np.float32]]]:
         """The depth maps that the run kept, as (pair, depth of shape (y, x)).
 
-        Depth is in levels, or in metres on a set in metres.
+        Depth is in levels, or in metres on a set in metres. For a run on tracks, those of clean
+        images.
 
         Raises
         ------
@@ -197,7 +202,8 @@ class Run:
     def images(self, pair: Pair | str) -> tuple[Capture, NDArray[np.float32]]:
         """Return the images of a pair (an object or its name) and the depth predicted for it.
 
-        Depth is in levels, or in metres on a set in metres.
+        Depth is in levels, or in metres on a set in metres. For a run on tracks, they are the clean
+        images.
 
         Raises
         ------
@@ -334,7 +340,10 @@ class Comparison:
 
     @property
     def scores(self) -> pd.DataFrame:
-        """Every score of all runs, a row per run, pair, protocol and metric."""
+        """Every score of all runs, a row per run, pair, protocol and metric.
+
+        Of a run on tracks, those on clean images.
+        """
         return scores_of([run.result for run in self.runs])
 
     def table(self) -> pd.DataFrame:
