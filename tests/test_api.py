@@ -49,7 +49,7 @@ def test_a_run_keeps_depth_maps_and_reports_them(done: dfdbench.Run, tmp_path: P
     assert len(predictions) == 7
     name, depth = next(iter(predictions.items()))
     images, again = done.images(name)
-    assert done.images(images.pair)[0].pair == images.pair
+    assert done.images(images)[0].pair == done.images(images.pair)[0].pair == images.pair
     assert np.array_equal(depth, again)
     assert np.allclose(depth, grey(images.infocus, images.defocus))
     assert "NRMSE by region" in done.report(tmp_path / "page").read_text()

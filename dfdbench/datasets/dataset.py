@@ -73,6 +73,7 @@ class Dataset:
         self.manifest = manifest_in(self.attributes, str(self.path))
         self._arrays: dict[str, zarr.Array[Any]] = {}
         self._known: dict[str, dict[str, NDArray[Any]]] = {}
+        self._pairs = frozenset(self.manifest.pairs())
         #: The scenes that were built, in the manifest's order.
         self.scenes = tuple(name for name in self.manifest.scene_names if name in groups)
 
@@ -168,6 +169,8 @@ class Dataset:
 
         Raises
         ------
+        InputError
+            If the pair is not of this data set.
         StoreError
             If an array cannot be decoded.
         """
@@ -207,11 +210,16 @@ class Dataset:
         return rows, columns
 
     def _index(self, pair: Pair, axes: Iterable[str]) -> tuple[int, ...]:
+        if pair not in self._pairs:
+            what, fix = f"no pair of {self.manifest.stem}", "take one of dataset.pairs(split)"
+            raise errors.InputError(what, where=pair.id, fix=fix)
         return tuple(self.manifest.axes[axis].index(pair.at[axis]) for axis in axes)
 
     def _array(self, scene: str, name: str) -> zarr.Array[Any]:
         key = f"{scene}/{name}"
         if key not in self._arrays:
+            if scene not in self.scenes:
+                raise errors.unknown_name("scene of the store", scene, self.scenes)
             array = self._root[key]
             if not isinstance(array, zarr.Array):
                 raise TypeError("not an array")

@@ -199,7 +199,7 @@ class Run:
             why = self._first.without or "no depth maps were kept"
             raise ResultError(why, where=str(self._first.path.parent))
 
-    def images(self, pair: Pair | str) -> tuple[Capture, NDArray[np.float32]]:
+    def images(self, pair: Capture | Pair | str) -> tuple[Capture, NDArray[np.float32]]:
         """Return the images of a pair (an object or its name) and the depth predicted for it.
 
         Depth is in levels, or in metres on a set in metres. For a run on tracks, they are the clean
@@ -212,6 +212,7 @@ class Run:
         ResultError
             If the run kept no depth maps, a later run replaced it, or the data set is missing.
         """
+        pair = pair.pair if isinstance(pair, Capture) else pair
         pair = pair if isinstance(pair, str) else pair.id
         found = self._first.images(pair)
         if found is None:

@@ -9,7 +9,8 @@ import zarr
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.datasets.dataset import Dataset, open_dataset
-from dfdbench.errors import InputError, StoreError
+from dfdbench.datasets.manifest import Pair
+from dfdbench.errors import InputError, StoreError, UnknownNameError
 from tests.conftest import TINY_TOML
 
 
@@ -36,6 +37,18 @@ def test_a_pair_is_what_the_files_hold(tiny_store: Dataset) -> None:
         # Who writes into a capture changes none that is read later.
         images.facts.f_number[:] = 7
         assert not (tiny_store.read(pair).facts.f_number == 7).any()
+
+
+def test_what_is_not_of_the_set_is_no_damage(tiny_store: Dataset) -> None:
+    with pytest.raises(UnknownNameError, match="did you mean Two"):
+        tiny_store.shape_of("Twoo")
+    pair = tiny_store.pairs("test")[0]
+    for other in (
+        Pair("Art", pair.coordinates),
+        Pair(pair.scene, (*pair.coordinates, ("lens", 1))),
+    ):
+        with pytest.raises(InputError, match="no pair of tiny-1"):
+            tiny_store.read(other)
 
 
 def test_what_is_no_store_is_said_so(tmp_path: Path) -> None:
