@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import dfdbench
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, MethodError, ResultError
+from dfdbench.errors import InputError, MethodError, ResultError, UnknownNameError
 from tests.conftest import TINY_TOML
 
 
@@ -53,6 +53,13 @@ def test_a_run_keeps_depth_maps_and_reports_them(done: dfdbench.Run, tmp_path: P
     assert np.array_equal(depth, again)
     assert np.allclose(depth, grey(images.infocus, images.defocus))
     assert "NRMSE by region" in done.report(tmp_path / "page").read_text()
+
+
+def test_a_run_is_drawn_in_the_forms_asked_for(done: dfdbench.Run) -> None:
+    assert {path.suffix for path in done.draw("pdf")} == {".pdf"}
+    with pytest.raises(UnknownNameError, match="did you mean svg"):
+        done.draw(["png", "svgz"])
+    assert not list(done.folder.rglob("*.png"))
 
 
 def test_a_run_that_says_no_sureness_is_shown_all_the_same(tiny_store: Dataset) -> None:

@@ -30,8 +30,8 @@ from dfdbench.tables.table import grouped
 _PANELS = 3
 
 
-def draw_run(run: SavedRun, protocol: str, also: Sequence[str] = ()) -> list[Path]:
-    """Draw a run's figures as PNG files into ``figures`` in its folder; return their paths.
+def draw_run(run: SavedRun, protocol: str, forms: Sequence[str] = ("png",)) -> list[Path]:
+    """Draw a run's figures into ``figures`` in its folder; return their paths.
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ def draw_run(run: SavedRun, protocol: str, also: Sequence[str] = ()) -> list[Pat
         The run, with its predictions.
     protocol : str
         The protocol that ranks and scores pairs.
-    also : sequence of str
-        Further formats of each figure, "pdf" or "svg", beside the PNG file.
+    forms : sequence of str
+        The formats of each figure: "png", "pdf", "svg".
 
     Raises
     ------
@@ -69,7 +69,7 @@ def draw_run(run: SavedRun, protocol: str, also: Sequence[str] = ()) -> list[Pat
         path
         for name, figure in figures.items()
         if figure is not None
-        for path in style.write_forms(figure, target, name, ("png", *also))
+        for path in style.write_forms(figure, target, name, forms)
     ]
 
 

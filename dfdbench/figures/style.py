@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.datasets.manifest import Depth
+from dfdbench.errors import unknown_name
 from dfdbench.system.files import write_whole
 
 # Okabe and Ito's colours, which colour-blind people can tell apart; markers differ as well.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
 BLUE, ORANGE, GREEN, PINK, SKY, RED, BLACK = COLOURS
 _DPI = 120
+_FORMS = ("png", "pdf", "svg")
 _LEAST_SPAN = 20.0
 # An image counts as dark if nearly all of it is below half of this grey level.
 _BRIGHT, _NEARLY_ALL = 235.0, 99
@@ -70,6 +72,26 @@ def write_figure(figure: Figure, path: Path) -> None:
     with mpl.rc_context({"svg.hashsalt": path.stem}):
         figure.savefig(content, format=form, dpi=_DPI, metadata=undated)
     write_whole(path, content.getvalue())
+
+
+def forms_of(forms: Sequence[str]) -> Sequence[str]:
+    """Return the formats to draw in, given as a list or as one name.
+
+    Raises
+    ------
+    UnknownNameError
+        If one is neither "png", "pdf" nor "svg".
+
+    Examples
+    --------
+    >>> forms_of("pdf"), forms_of(("png", "svg"))
+    (['pdf'], ('png', 'svg'))
+    """
+    forms = [forms] if isinstance(forms, str) else forms
+    for form in forms:
+        if form not in _FORMS:
+            raise unknown_name("form of a figure", form, _FORMS)
+    return forms
 
 
 def write_forms(figure: Figure, folder: Path, name: str, forms: Sequence[str]) -> list[Path]:

@@ -222,11 +222,11 @@ class Run:
 
     def draw(self, forms: Sequence[str] = ("png",)) -> list[Path]:
         """Draw the run's figures into its folder, as png, pdf or svg; return the files."""
-        forms = [forms] if isinstance(forms, str) else forms
         from dfdbench.figures.comparisons import tracks_figure  # they import matplotlib
         from dfdbench.figures.runs import draw_run
-        from dfdbench.figures.style import write_forms
+        from dfdbench.figures.style import forms_of, write_forms
 
+        forms = forms_of(forms)
         if self._on_tracks:
             metric = ranked_by(self.protocol)[0]
             means = track_means(self.scores, self.protocol, metric)
@@ -423,8 +423,7 @@ class Transfer:
     def draw(self, forms: Sequence[str] = ("png",)) -> list[Path]:
         """Draw the matrix into its folder, as png, pdf or svg; return the files."""
         from dfdbench.figures.comparisons import transfer_figure  # it imports matplotlib
-        from dfdbench.figures.style import write_forms
+        from dfdbench.figures.style import forms_of, write_forms
 
-        forms = [forms] if isinstance(forms, str) else forms
         figure = transfer_figure(self.table(), self.title)
-        return write_forms(figure, self.folder, "transfer", forms)
+        return write_forms(figure, self.folder, "transfer", forms_of(forms))

@@ -30,9 +30,9 @@ def test_a_run_is_drawn(demo_store: Dataset, tmp_path: Path) -> None:
     # All images of the demo set are of one size: there are no times to draw by pixels.
     assert [path.name for path in paths] == ["scores.png", "best.png", "worst.png", "depths.png"]
     assert all(np.ptp(np.asarray(cv2.imread(str(path)))) == 255 for path in paths)
-    also = runs.draw_run(saved, "thesis", also=("pdf",))
-    assert {path.suffix for path in also} == {".png", ".pdf"}
-    assert also[1].read_bytes().startswith(b"%PDF")
+    pages = runs.draw_run(saved, "thesis", ["pdf"])
+    assert {path.suffix for path in pages} == {".pdf"}
+    assert pages[0].read_bytes().startswith(b"%PDF")
 
 
 def test_times_are_drawn_by_pixels_where_sizes_differ(tiny_store: Dataset) -> None:
