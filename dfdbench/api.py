@@ -240,7 +240,7 @@ def run(
     out : Path or str, optional
         The folder for the result and the depth maps. A run that was stopped resumes there, unless
         only this process knows the method. By default a temporary folder, which lasts as long as
-        the returned run.
+        the returned run; a copy of it, such as one from another process, needs a folder given.
     keep_predictions : bool
         Keep the depth maps; figures need them.
     fresh : bool

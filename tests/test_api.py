@@ -1,5 +1,6 @@
 """The public functions on a tiny data set: what each returns, shows and refuses."""
 
+import copy
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,12 @@ def test_a_run_that_says_no_sureness_is_shown_all_the_same(tiny_store: Dataset) 
     assert len(run.table()) > 0
     with pytest.raises(ResultError, match="no depth maps were kept"):
         list(run.predictions)
+
+
+def test_a_copy_of_a_run_says_that_its_temporary_folder_is_gone(tiny_store: Dataset) -> None:
+    alone = copy.deepcopy(dfdbench.run("constant", tiny_store, limit=1))
+    with pytest.raises(ResultError, match=r"folder is gone .*\n.*out=FOLDER"):
+        list(alone.predictions)
 
 
 def test_a_run_is_saved_and_opened_again(done: dfdbench.Run, tmp_path: Path) -> None:

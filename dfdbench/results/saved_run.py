@@ -76,7 +76,8 @@ class SavedRun:
         UnknownNameError
             If the run has no pair of that name.
         ResultError
-            If the files beside the result are not its depth maps, or are another run's.
+            If the files beside the result are not its depth maps, or are another run's, or the
+            folder is gone.
         """
         if isinstance(pair, str):
             records = {record.id: record for record in self.result.pairs}
@@ -87,6 +88,10 @@ class SavedRun:
             return None
         of_pair = self.path.parent, pair.pair, self.store.shape_of(pair.scene)
         prediction = run_folder.read_prediction(*of_pair, "depth", self.store.manifest.depth.kind)
+        if prediction is None and not self.path.parent.exists():
+            # A run's temporary folder goes with it, even while a copy is in another process.
+            fix = "give the run a folder, which stays: out=FOLDER"
+            raise ResultError("the run's folder is gone", where=str(self.path.parent), fix=fix)
         if prediction is None or pair.prediction_sha256 is None:
             return None
         sigma = run_folder.read_prediction(*of_pair, "sigma")

@@ -47,6 +47,7 @@ def test_the_lines_are_what_the_protocol_scores(tiny_store: Dataset, tmp_path: P
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["mine", r"\$x\$"]
     assert not summarise(result, "valid").ranked
     # Who kept nothing or says nothing has no lines.
+    (tmp_path / "elsewhere").mkdir()
     assert curves_of(replace(saved, path=tmp_path / "elsewhere" / RESULT), "mine") is None
     plain = Method("plain", "m:plain", lambda infocus, defocus: infocus[..., 0] / 2)
     result = run_method(tiny_store, plain, "test", tmp_path / "plain").result
