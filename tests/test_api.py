@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import dfdbench
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, MethodError, ResultError, UnknownNameError
+from dfdbench.errors import DfdbenchError, InputError, MethodError, ResultError, UnknownNameError
 from tests.conftest import TINY_TOML
 
 
@@ -83,6 +83,12 @@ def test_a_run_is_saved_and_opened_again(done: dfdbench.Run, tmp_path: Path) -> 
     assert dfdbench.open_run(folder).scores.equals(done.scores)
     with pytest.raises(InputError, match="write into a run"):
         done.save(folder)
+    (tmp_path / "file").touch()
+    for write in (done.report, done.save):
+        with pytest.raises(DfdbenchError):
+            write(tmp_path / "file")
+        with pytest.raises(ResultError, match="cannot write the r"):
+            write(tmp_path / "file/below")
     with pytest.raises(ResultError):
         dfdbench.open_run(tmp_path)
 

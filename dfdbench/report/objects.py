@@ -21,9 +21,12 @@ from dfdbench.results import differences, record, saved_run, summary, wording
 from dfdbench.results.frame import frame_of, scores_of, severities_table, track_means
 from dfdbench.results.output_place import output_place
 from dfdbench.results.run_tables import all_tables, run_score_table
+from dfdbench.system.files import writing_folder
 from dfdbench.tables.table import Table, as_html, counted, listed
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from dfdbench.methods.measured_law import Calibration
 
 
@@ -247,7 +250,8 @@ class Run:
         from dfdbench.report.page import write_html  # it imports matplotlib
 
         folder = output_place(path, self._first.path.parent)
-        return write_html(list(self._runs.values()), self._asked(protocol), folder)
+        with writing_folder(folder / "report.html", "report"):
+            return write_html(list(self._runs.values()), self._asked(protocol), folder)
 
     def save(self, path: Path | str) -> Path:
         """Copy the run into a folder that `open_run` can open; return the folder.
@@ -257,7 +261,7 @@ class Run:
         InputError
             If something is already there.
         ResultError
-            If a later run replaced this one.
+            If a later run replaced this one, or the folder cannot be written.
         """
         folder = output_place(path, self._first.path.parent)
         if folder.exists():
@@ -266,8 +270,9 @@ class Run:
             )
         for run in self._runs.values():
             run.require_in_place()
-        for label, run in self._runs.items():
-            shutil.copytree(run.path.parent, folder / label if self._on_tracks else folder)
+        with writing_folder(folder, "run"):
+            for label, run in self._runs.items():
+                shutil.copytree(run.path.parent, folder / label if self._on_tracks else folder)
         return folder
 
     def submit(self, leaderboard: Path | str = LEADERBOARD) -> Path:
@@ -356,7 +361,7 @@ class Comparison:
         }
         return pd.concat(frames, names=["run"])
 
-    def figure(self, most: int = 4) -> Any:
+    def figure(self, most: int = 4) -> Figure | None:
         """Draw the pairs that changed most between the first two runs; None if there are none."""
         from dfdbench.figures.comparisons import change_figure  # it imports matplotlib
 
