@@ -200,7 +200,7 @@ def _check_for_board(split: str, limit: int | None = None) -> Callable[..., None
 
 def run(
     method: str | Callable[..., Any],
-    dataset: str | Dataset,
+    dataset: Place | Dataset,
     split: str = "test",
     *,
     parameters: Mapping[str, Any] = MappingProxyType({}),
@@ -225,7 +225,7 @@ def run(
         returned, which is fitted anew; or a function of two RGB images, uint8 of shape (y, x, 3),
         that returns depth levels 0 to 255, shape (y, x); or a class whose instances are called
         that way, or an instance. It may be defined in a notebook.
-    dataset : str or Dataset
+    dataset : str, Path, UPath or Dataset
         A data set's name, a store's path or URL, or an open data set.
     split : str
         A split, a fold, a scene, or ``"all"``.
@@ -379,7 +379,7 @@ def run_tracks(
 
 def tune(
     method: str | Callable[..., Any],
-    dataset: str | Dataset,
+    dataset: Place | Dataset,
     ranges: Mapping[str, Sequence[Any]] | None = None,
     *,
     parameters: Mapping[str, Any] = MappingProxyType({}),
@@ -397,7 +397,7 @@ def tune(
     ----------
     method, parameters, protocol, seed, cache, on_pair
         As for `run`.
-    dataset : str or Dataset
+    dataset : str, Path, UPath or Dataset
         A data set, built with its training split.
     ranges : mapping of str to sequence, optional
         The values of each parameter; every combination is tried. By default the method's own
@@ -430,7 +430,7 @@ def tune(
 
 def run_transfer(
     method: str | Callable[..., Any],
-    datasets: Sequence[str | Dataset],
+    datasets: Sequence[Place | Dataset],
     split: str = "test",
     *,
     parameters: Mapping[str, Any] = MappingProxyType({}),
@@ -450,7 +450,7 @@ def run_transfer(
     ----------
     method, split, parameters, seed, cache
         As for `run`. The method needs a fit that returns what it learned.
-    datasets : sequence of str or Dataset
+    datasets : sequence of str, Path, UPath or Dataset
         Two or more built data sets.
     protocol : str
         The protocol of the table.
@@ -508,7 +508,7 @@ def run_transfer(
 
 def score(
     folder: Path | str,
-    dataset: str | Dataset,
+    dataset: Place | Dataset,
     split: str = "test",
     *,
     unit: Unit = "levels",

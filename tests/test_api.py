@@ -36,7 +36,7 @@ def test_a_run_has_every_score_in_one_frame(done: dfdbench.Run, tiny_store: Data
     means = row.mean(), done.to_frame("thesis")["nrmse"].mean(), last["nrmse"]
     assert means == pytest.approx([result.averages["thesis"]["nrmse"]] * 3)  # type: ignore[index]
     assert (last.name, *done.table().index.names) == (("all", "all"), "exposure", "illumination")
-    part = dfdbench.run("constant", tiny_store, limit=1).table()
+    part = dfdbench.run("constant", tiny_store.path, limit=1).table()
     assert part.isna().all(axis=None)  # of no group has every pair been run
     regions = done.regions
     assert list(regions) == ["edges", "flat", "far", "near"]

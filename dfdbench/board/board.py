@@ -161,7 +161,9 @@ class Board:
             }
             raise unknown_name("ranking", f"{dataset} {split} {suite} {wanted}".strip(), there)
         frame = pd.DataFrame(records_of(found[wanted], self.folder))
-        return frame.astype({"rank": "Int64"})
+        # With too few groups, all of them are unknown.
+        numbers = frame.filter(regex=f"^{found[wanted].metric}_").columns
+        return frame.astype({"rank": "Int64", **dict.fromkeys(numbers, float)})
 
     def tables(self, dataset: str | None = None) -> list[Table]:
         """Return rankings as tables: the headlines, or all of a data set.

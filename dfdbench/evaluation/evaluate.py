@@ -277,9 +277,9 @@ def cross_validate(
 
     ranges = _values_of(ranges or {})
     # A parameter to try may have no default.
-    first = loaded({name: values[0] for name, values in ranges.items() if values})
+    first = loaded({name: values[0] for name, values in ranges.items()})
     ranges = ranges or _values_of(first.attribute("ranges") or {})
-    if not ranges or not all(ranges.values()):
+    if not ranges:
         what = "nothing to try: the method states no ranges of its own"
         raise InputError(what, where=first.name, fix="name some: --range window=7,31,91")
     rule = find_protocol(protocol_on(store.manifest, protocol))
@@ -330,10 +330,14 @@ def _values_of(ranges: Mapping[str, Any]) -> dict[str, list[Any]]:
         if isinstance(values, str) or not isinstance(values, Iterable):
             fix = f"give a list: {{{name!r}: [{values!r}]}}"
             raise InputError("the values to try are no list", where=name, fix=fix)
-    return {
+    found = {
         name: [value.item() if isinstance(value, np.generic) else value for value in values]
         for name, values in ranges.items()
     }
+    if empty := [name for name, values in found.items() if not values]:
+        fix = "name some, or leave the parameter out"
+        raise InputError("the list of values to try is empty", where=empty[0], fix=fix)
+    return found
 
 
 def tried_table(tried: pd.DataFrame, title: str) -> Table:

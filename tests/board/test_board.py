@@ -32,6 +32,8 @@ def test_its_scores_are_one_table_and_its_rankings_frames(tmp_path: Path) -> Non
     assert means["solver-given", "gain", 1, "nmae"] == 0.25
     ranked = board.table("demo")
     assert ranked[["rank", "method", "protocol"]].to_numpy().tolist() == [[1, "mine", "valid"]]
+    numbers = ranked.filter(regex="^nrmse_(low|high|difference)")
+    assert [*numbers.dtypes] == [float] * 6
     assert board.table("demo-1", protocol="thesis")["nrmse"][0] == ranked["nrmse"][0]
     assert board.table("demo", suite="tracks-1")["rank"].isna().all()
     with pytest.raises(UnknownNameError, match="did you mean demo-1 test clean"):

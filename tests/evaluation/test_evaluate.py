@@ -325,5 +325,7 @@ def test_what_cannot_be_tried_says_why(few_demo: Dataset, tiny_store: Dataset, o
             dfdbench.tune(off, few_demo, {"off": values})  # type: ignore[dict-item]
     with pytest.raises(MethodError, match="strength"):
         dfdbench.tune(off, few_demo, {"strength": [1, 2]})
+    with pytest.raises(InputError, match=r"to try is empty \(off\)"):
+        dfdbench.tune(off, few_demo, {"off": []})
     with pytest.raises(MethodError, match="no such thing"):
         dfdbench.tune(off, few_demo, {"peek": [True]})
