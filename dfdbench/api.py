@@ -124,6 +124,17 @@ def build(
 def list_datasets(cache: Path | str | None = None) -> pd.DataFrame:
     """Return the data sets that come with the package, one per row.
 
+    Parameters
+    ----------
+    cache : Path or str, optional
+        The cache folder, for what is built.
+
+    Returns
+    -------
+    DataFrame
+        By ``name``: the numbers of ``scenes`` and ``pairs``, the names of the ``splits``, whether
+        it is ``built`` in the cache, and the ``title``.
+
     Examples
     --------
     >>> list_datasets().loc["demo", ["scenes", "pairs"]].tolist()

@@ -4,11 +4,13 @@ import builtins
 import importlib
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from dfdbench.methods.registry import ENTRY_POINT_GROUP, registered_methods
 
+ROOT = Path(__file__).parents[1]
 FACES = {
     "dfdbench": [
         *("Board", "Capture", "Captures", "Comparison", "Dataset", "Run", "Transfer"),
@@ -35,6 +37,14 @@ def test_a_face_shows_these_names(face: str) -> None:
 def test_all_names_are_there_without_pytorch() -> None:
     code = "import sys; sys.modules['torch'] = None\nfrom dfdbench import *"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("face", ["dfdbench", "dfdbench.methods"])
+def test_the_reference_has_every_public_class(face: str) -> None:
+    pages = "".join(page.read_text("utf-8") for page in (ROOT / "docs/reference").glob("*.md"))
+    for name in FACES[face]:
+        found = getattr(importlib.import_module(face), name)
+        assert not isinstance(found, type) or f"::: {found.__module__}.{name}\n" in pages
 
 
 def test_no_public_name_hides_a_builtin() -> None:
