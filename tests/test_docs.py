@@ -16,6 +16,7 @@ import xarray
 import dfdbench
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.methods.calling import check_answer
+from dfdbench.metrics.protocol import RELEASED
 
 DOCS = Path(__file__).parents[1] / "docs"
 SCRIPTS = sorted(path.name for path in DOCS.glob("*.py"))
@@ -26,6 +27,11 @@ def test_a_script_finds_what_it_imports_and_is_named(script: str) -> None:
     assert callable(runpy.run_path(str(DOCS / script))["main"])
     text = "".join(path.read_text("utf-8") for path in DOCS.glob("*.md"))
     assert f"docs/{script}" in text
+
+
+def test_the_page_of_protocols_names_each_label() -> None:
+    text = (DOCS / "protocols.md").read_text("utf-8")
+    assert not [label for label in RELEASED if f"`{label}`" not in text]
 
 
 @pytest.mark.slow

@@ -41,7 +41,8 @@ def scores_of(results: Sequence[Result], protocols: Collection[str] | None = Non
         One row per pair, protocol and metric: ``run`` (its index among the results), ``dataset``
         (without its track), ``track`` and ``severity`` (``clean`` and 0 without one), ``split``,
         ``method`` (with its parameters), ``parameters``, ``capture`` (the pair's name), ``scene``,
-        ``group`` (the scene's family or room), ``coordinates`` (by axis), ``status``, ``protocol``,
+        ``group`` (the scene's family or room), ``coordinates`` (by axis), ``status``, ``protocol``
+        (its name and, from the second version on, the version, as in ``thesis-networks-2``),
         ``metric``, ``value`` and ``seconds``.
         A value is NaN if the pair was not evaluated or the metric is undefined; the status is
         ``unanswered`` if pixels lack an answer that the protocol needs.
