@@ -190,7 +190,7 @@ class CoverageRecord(Record):
         """Format the uncovered levels of a verdict, or by a criterion, as ranges."""
         marked = np.zeros(LEVELS, bool)
         for item in self.ranges:
-            if kind in (item.verdict, *item.criteria):
+            if kind in (item.verdict, *item.criteria, Criterion.either):
                 marked[item.first : item.last + 1] = True
         return as_ranges(marked)
 

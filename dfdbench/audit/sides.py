@@ -268,6 +268,8 @@ def all_but(store: Dataset, fold: str) -> Side:
     ------
     UnknownNameError
         If there is no such fold or scene.
+    InputError
+        If the set has no other.
     StoreError
         If the store holds none of the others.
     """

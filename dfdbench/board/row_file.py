@@ -30,7 +30,7 @@ RESULTS = "results"
 #: The fingerprints that a data set must have if it is made the same everywhere.
 FINGERPRINTS = "fingerprints.json"
 # What may differ between runs of one method; the rest of its record is the row's.
-_OF_RUN = {"uses", "trained_on", "fitted_on", "fit_seconds", "chosen", "source_sha256"}
+_OF_RUN = {"uses", "trained_on", "fitted_on", "fit_seconds", "chosen", "source_sha256", "paper"}
 _TRACKS = (*TRACKS.values(), *STACKS.values())
 _LABELS = (CLEAN, *(label for track in _TRACKS for label in track.labels))
 

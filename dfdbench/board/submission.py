@@ -2,7 +2,6 @@
 
 import math
 import random
-import re
 import secrets
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,8 +26,8 @@ from dfdbench.results.wording import without_folders
 from dfdbench.system.files import write_whole
 from dfdbench.system.text import differences
 
-# A file may be called dfdbench.py, too.
-_OURS = re.compile(r"dfdbench(\.\w+)+(?<!\.py)(?<!\.onnx):\w+")
+# Ours, too, though no name leads there.
+_UNNAMED = "dfdbench.methods.baselines:ConstantMedian"
 
 
 def require_submittable(limit: int | None) -> None:
@@ -281,6 +280,7 @@ def require_trusted(rows: Mapping[Path, Row], trusted: Collection[str]) -> None:
     ResultError
         If their code would have to be imported; it names all of them.
     """
+    known = {*built_in_methods().values(), _UNNAMED, *trusted}
     ResultError.raise_if(
         Problem(
             f"{entry!a} is not built in, and its code is run only if you trust it",
@@ -288,7 +288,7 @@ def require_trusted(rows: Mapping[Path, Row], trusted: Collection[str]) -> None:
             fix=f"read the code, then add --trust {entry!a}; use a container (CONTRIBUTING.md)",
         )
         for path, entry in ((path, row.method.entry) for path, row in rows.items())
-        if not _OURS.fullmatch(entry) and entry not in trusted
+        if entry not in known
     )
 
 
@@ -337,14 +337,11 @@ def _run_again(
         rerun = evaluate(claim.pair)[0]
         same_map = claim.prediction_sha256 == rerun.prediction_sha256
         largest = max(_differences(claim, rerun), default=0.0)
-        told = "; ".join(filter(None, (*wrong, rerun.error)))
+        told = "; ".join(filter(None, (*wrong, *_other_facts(claim, rerun), rerun.error)))
         yield Rerun(f"{dataset.degradation}: {claim.id}", same_map, largest, told), same_source
 
 
 def _differences(claim: PairResult, rerun: PairResult) -> Iterator[float]:
-    yield abs(claim.answered - rerun.answered)
-    for name, number in claim.numbers.items():
-        yield abs(number - rerun.numbers.get(name, math.inf)) / max(abs(number), 1.0)
     for protocol, scores in claim.scores.items():
         for metric, claimed in scores.items():
             found = rerun.score(protocol, metric)
@@ -352,3 +349,11 @@ def _differences(claim: PairResult, rerun: PairResult) -> Iterator[float]:
                 yield 0.0 if claimed is found and rerun.scores else float("inf")
             else:
                 yield abs(claimed - found)
+
+
+def _other_facts(claim: PairResult, rerun: PairResult) -> Iterator[str]:
+    """Yield what differs besides scores: the answered share, and numbers that the method keeps."""
+    found = {"answered": rerun.answered, **rerun.numbers}
+    for name, number in {"answered": claim.answered, **claim.numbers}.items():
+        if abs(found.get(name, math.inf) - number) > SCORE_TOLERANCE * max(abs(number), 1.0):
+            yield f"{name} is {found.get(name)}, not {number}"

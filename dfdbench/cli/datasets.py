@@ -119,7 +119,8 @@ def verify(
     show(format, text="\n".join(lines), store=store.path, sound=found.sound, **asdict(found))
     if not found.sound:
         usual = str(store.path) == str(catalog.default_store(store.manifest, cache))
-        build = command("build", store.manifest.short, store=None if usual else store.path)
+        place = None if usual else store.path
+        build = command("build", store.manifest.short, store=place, cache=cache)
         say(
             f"error: the store is not what was built\n"
             f"  fix       {build}, with the options it was "
@@ -159,9 +160,7 @@ def clear_cache(
         if name not in known and not catalog.part_name(name)[1]:
             raise unknown_name("entry of the cache", name, known)
         stem = stems.get(name) or (name if name in known else catalog.find_manifest(name).stem)
-        chosen += [
-            e for e in entries if name in (e.kind, e.name) or e.name.split(".zarr")[0] == stem
-        ]
+        chosen += [e for e in entries if name in (e.kind, e.name) or e.stem == stem]
     chosen = list(dict.fromkeys(chosen))
     for entry in chosen:
         say(f"  {entry.path}  {counted(entry.files, 'file')}, {decimal(entry.size)}")

@@ -34,7 +34,7 @@ WITHOUT_FRESH = "the same command without --fresh goes on from here"
 _LINE_SECONDS = 60.0
 #: Work taken over from an earlier call is gone through in less.
 _TAKEN_OVER_SECONDS = 5.0
-_ALIKE = str.maketrans("µ–×↓↑→δ", "u-xv^>d")
+_ALIKE = str.maketrans("µμ–—−×±°↓↑→≤≥δσ²³…", "uu---x+ov^><>ds23.")
 
 
 def spell_out_what_cannot_be_shown() -> None:

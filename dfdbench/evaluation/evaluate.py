@@ -272,8 +272,7 @@ def cross_validate(
     """
 
     def loaded(trial: Mapping[str, Any]) -> Method:
-        # Anew: it may keep in itself what it learned from captures that are scored now.
-        return load_for(store, copy.deepcopy(method), {**parameters, **trial}, seed)
+        return load_for(store, _forgetful(method), {**parameters, **trial}, seed)
 
     ranges = _values_of(ranges or {})
     # A parameter to try may have no default.
@@ -293,10 +292,10 @@ def cross_validate(
     scored = {every[n] for n in np.random.default_rng(seed).permutation(len(every))[:limit]}
     rows, done = list[dict[str, Any]](), 0
     for trial in trials:
-        found = []
+        ready, found = loaded(trial), []
         for fold in filter(scored.intersection, folds):
-            ready = loaded(trial)
             if ready.learner is not None:
+                ready = loaded(trial)
                 others = tuple(pair for pair in every if pair not in fold)
                 two = ready.two_images(store.manifest.pair_images)
                 teach(ready, Captures(store, others, two), seed)
@@ -311,6 +310,17 @@ def cross_validate(
     # As they were given: a column of whole numbers and others would make all of them fractions.
     tried = pd.DataFrame(rows).assign(**pd.DataFrame(trials, dtype=object)).set_index([*ranges])
     return tried.sort_values(list(ranked_by(rule.label)), kind="stable")
+
+
+def _forgetful(method: str | Callable[..., Any]) -> str | Callable[..., Any]:
+    """Return a method to load anew: an object may keep what it learned from captures to score."""
+    if isinstance(method, str | type | Method) or not hasattr(method, "fit"):
+        return method
+    try:
+        return copy.deepcopy(method)
+    except TypeError as error:
+        what = f"the method cannot be copied for each fold: {error}"
+        raise MethodError(what, where=type(method).__name__, fix="give its class") from error
 
 
 def _scores_of(record: PairResult, label: str, trial: Mapping[str, Any]) -> dict[str, float | None]:

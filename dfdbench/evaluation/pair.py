@@ -89,7 +89,7 @@ class PairEvaluator:
         unit = self._store.manifest.depth.kind
         predict, arguments = self._method.called_on(images)
         # Seeds and standard output belong to the whole process.
-        with one_at_a_time(os.getpid()):
+        with one_at_a_time():
             self._warm_up(images)
             with seeded(self._seed), self._method.sources.watch():
                 prediction = call(predict, *arguments, unit=self._method.answers_in(unit))
@@ -105,7 +105,7 @@ class PairEvaluator:
 
     def warm_up(self, pair: Pair) -> None:
         """Let the method load and compile, untimed, what its first call would."""
-        with one_at_a_time(os.getpid()):
+        with one_at_a_time():
             self._warm_up(self._images(pair))
 
     def _images(self, pair: Pair) -> Capture:

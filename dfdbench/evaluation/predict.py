@@ -301,13 +301,15 @@ class DepthPredictor:
         MethodError
             If the method raises or returns no depth map.
         """
-        capture = capture_of(stack).two_of(self.method.two_images(self._pair_images))
+        whole = capture_of(stack)
+        usual = None if whole.is_pair else self._pair_images
+        capture = whole.two_of(self.method.two_images(usual))
         self.unit = self.method.answers_in(capture.about.kind)
         estimate = self._answer(*self.method.called_on(capture))
         return replace(estimate, odd=_few_bits(capture.images))
 
     def _answer(self, predict: Predict, images: Sequence[Any], found: str = "") -> Estimate:
-        with one_at_a_time(os.getpid()), seeded(self._seed):
+        with one_at_a_time(), seeded(self._seed):
             answer = call(predict, *images, unit=self.unit)
         if answer.depth is None:
             fix = f"mend the method; dfdbench check-method {self.method.name} tries more images"
@@ -438,9 +440,11 @@ def predict(
 
 def _own_method(name: str, run: Path) -> str:
     """Return the method of a run, if its code is ours or installed: anyone may have written it."""
-    if name not in registered_methods():
+    ours = registered_methods()
+    if name not in {*ours, *ours.values()}:
         what = f"the run is of {name!a}, and its code is run only if you name it"
-        raise MethodError(what, where=str(run), fix=f"read the code, then add --method {name!a}")
+        fix = f"read the code, then name it: --method {name!a}"
+        raise MethodError(what, where=str(run), fix=fix)
     return name
 
 

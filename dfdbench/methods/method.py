@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import inspect
-import os
 import re
 import sys
 import time
@@ -415,7 +414,7 @@ def _running(method: Method, what: str, name: str) -> Iterator[None]:
     """Run the method's own code, and turn its exceptions, but not ours, into a MethodError."""
     try:
         with (
-            one_at_a_time(os.getpid()),
+            one_at_a_time(),
             process_kept(),
             contextlib.redirect_stdout(sys.stderr),
             method.sources.watch(),

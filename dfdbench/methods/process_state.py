@@ -13,6 +13,8 @@ import numpy as np
 
 from dfdbench.errors import InputError
 
+# Seconds after which we say what a call waits for.
+_PATIENCE = 60.0
 # How to get and set the number of threads in each library.
 _THREADS = {
     "cv2": ("getNumThreads", "setNumThreads"),
@@ -70,9 +72,21 @@ def process_kept() -> Iterator[None]:
 
 
 @functools.cache
-def one_at_a_time(process: int) -> threading.RLock:
-    """Return a process's lock for calls of methods, whose seeds and printing are all of it."""
+def _lock(process: int) -> threading.RLock:
     return threading.RLock()
+
+
+@contextlib.contextmanager
+def one_at_a_time() -> Iterator[None]:
+    """Wait while another thread calls a method: its seeds and printing are the whole process's."""
+    lock = _lock(os.getpid())
+    while not lock.acquire(timeout=_PATIENCE):
+        what = "still waiting for a method that another thread calls; it would be for ever if that"
+        warnings.warn(f"{what} method used dfdbench in threads of its own", stacklevel=3)
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 @contextlib.contextmanager

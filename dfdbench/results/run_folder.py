@@ -62,13 +62,15 @@ def open_run_folder(folder: Path, identity: Mapping[str, Any], goes_on: bool) ->
         if not (folder / RUN_IDENTITY).exists():
             what, fix = "the folder holds something other than a run", "choose another: --out"
             raise ResultError(what, where=str(folder), fix=fix)
-        for name in (_JOURNAL, PREDICTIONS):
-            if (folder / name).is_symlink():
-                what = "a link where a run writes, and where it leads nobody said"
-                raise ResultError(what, where=str(folder / name), fix="remove it")
         if not goes_on:
             set_aside = previous_of(folder)
             folder.rename(set_aside)
+        else:
+            maps = folder / PREDICTIONS
+            for path in (folder / _JOURNAL, maps, *maps.rglob("*")):
+                if path.is_symlink():
+                    what = "a link where a run writes, and where it leads nobody said"
+                    raise ResultError(what, where=str(path), fix="remove it, or say --fresh")
     folder.mkdir(parents=True, exist_ok=True)
     keep_identity(folder, identity)
     return set_aside

@@ -39,6 +39,11 @@ class CacheEntry:
     size: int
     path: Path
 
+    @property
+    def stem(self) -> str:
+        """Its name without what a build, or a removal that was interrupted, adds to it."""
+        return self.name.removeprefix(".").partition(".zarr")[0]
+
 
 def cache_folder(folder: Path | str | None = None) -> Path:
     """Return `folder` if given, else ``DFDBENCH_CACHE``, else the platform's cache folder.
@@ -101,7 +106,7 @@ def remove_entries(entries: tuple[CacheEntry, ...]) -> None:
     """
     problems: list[Problem] = []
     for entry in entries:
-        store = entry.path.with_name(f"{entry.name.partition('.zarr')[0]}.zarr")
+        store = entry.path.with_name(f"{entry.stem}.zarr")
         fix = "wait for it; all others are removed"
         taken = StoreError("a build is writing this store", where=str(store), fix=fix)
         try:

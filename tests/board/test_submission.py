@@ -219,8 +219,14 @@ def test_what_a_method_was_given_is_as_the_row_says(row: Row) -> None:
         assert not found.passed
         assert f"{next(iter(claim))} is " in str(found.pairs[0])
     (run,) = row.runs
-    for told in ({"recipe": {**run.recipe, "name": "text"}}, {"answered": [0.5] * 7}):
-        assert not verify(edited(row, runs=[edited(run, **told)]), HERE, count=1).passed
+    for told in (
+        {"recipe": {**run.recipe, "name": "text"}},
+        {"answered": [0.5] * 7},
+        {"numbers": {"energy": [3.0] * 7}},
+    ):
+        found = verify(edited(row, runs=[edited(run, **told)]), HERE, count=1)
+        assert not found.passed
+        assert f"{next(iter(told))} is " in str(found).replace("energy", "numbers")
 
 
 def test_code_is_imported_if_trusted(
@@ -240,11 +246,16 @@ def test_code_is_imported_if_trusted(
         with pytest.raises(ResultError, match="only if you trust it"):
             verify(forged, HERE, trusted=trusted)
     assert not Path("imported").exists()
-    # A file may be called as the package is.
-    Path("theirs.py").rename("dfdbench.theirs.py")
-    with pytest.raises(ResultError, match="only if you trust it"):
-        verify(edited(row, method={"entry": "dfdbench.theirs.py:predict"}), HERE)
-    Path("dfdbench.theirs.py").rename("theirs.py")
+    # A file may be called as the package is, and some of our own code loads what it is given.
+    Path("dfdbench.theirs.py").write_text(Path("theirs.py").read_text())
+    ours = "dfdbench.evaluation.predict:DepthPredictor"
+    for claim in (
+        {"entry": "dfdbench.theirs.py:predict"},
+        {"entry": ours, "parameters": {"method": entry}},
+    ):
+        with pytest.raises(ResultError, match="only if you trust it"):
+            verify(edited(row, method=claim), HERE)
+    assert not Path("imported").exists()
     found = verify(forged, HERE, count=2, trusted=[entry])
     assert Path("imported").exists()
     assert [pair.same_map for pair in found.pairs] == [True, True]

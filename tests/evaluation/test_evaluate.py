@@ -1,4 +1,5 @@
 import gc
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -329,3 +330,17 @@ def test_what_cannot_be_tried_says_why(few_demo: Dataset, tiny_store: Dataset, o
         dfdbench.tune(off, few_demo, {"off": []})
     with pytest.raises(MethodError, match="no such thing"):
         dfdbench.tune(off, few_demo, {"peek": [True]})
+
+
+def test_an_object_that_cannot_be_copied_is_not_fitted_fold_by_fold(few_demo: Dataset) -> None:
+    class Locked:
+        def __init__(self) -> None:
+            self.lock = threading.Lock()
+
+        def __call__(self, infocus: Any, defocus: Any, power: int) -> Any:
+            return infocus.mean(axis=2) ** power
+
+    assert len(dfdbench.tune(Locked(), few_demo, {"power": [1]}, limit=1)) == 1
+    fits = type("Fits", (Locked,), {"fit": print})()
+    with pytest.raises(MethodError, match=r"cannot be copied.*\n.*Fix: give its class"):
+        dfdbench.tune(fits, few_demo, {"power": [1]}, limit=1)

@@ -1,5 +1,6 @@
 import pickle
 import sys
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -82,3 +83,21 @@ def test_calls_in_threads_wait_for_one_another(tiny_store: Dataset) -> None:
         together = [list(threads.map(lambda call: call(), calls)) for _ in range(10)]
     assert together == [alone] * 10
     assert sys.stdout is printed
+
+
+def test_a_call_that_waits_for_long_says_why(
+    tiny_store: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dfdbench.methods.process_state._PATIENCE", 0.05)
+    images = tiny_store.read(tiny_store.pairs("One")[0])
+    pair = images.infocus, images.defocus
+
+    def slow(infocus: Any, defocus: Any) -> Any:
+        time.sleep(0.5)
+        return infocus[..., 0]
+
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(predict, slow, pair, align=False)
+        time.sleep(0.1)
+        with pytest.warns(UserWarning, match="threads of its own"):
+            predict("local", pair, "published", align=False)

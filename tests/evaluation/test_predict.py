@@ -274,12 +274,14 @@ def test_a_run_tells_how_its_set_s_captures_become_pairs(tmp_path: Path) -> None
         place = tmp_path / f"{source.name}.zarr"
         build_store(manifest, open_source(manifest, source), place)
         store = Dataset(place)
-        run = dfdbench.run("local", store, limit=1, out=tmp_path / f"{source.name}-run")
+        run = dfdbench.run("s-transform", store, limit=1, out=tmp_path / f"{source.name}-run")
         capture = store.captures("test")[0]
         images = (capture.infocus, capture.defocus) if source == folder else capture.stack
         # The defocus image is darker, and the manifest does not want that matched.
         depth = manifest.depth.of_unit(predict(None, images, run), "levels")
         np.testing.assert_array_equal(depth, run.images(capture.pair.id)[1])
+    two = capture.two_of([2, 0]).stack
+    np.testing.assert_array_equal(predict(None, two, run), predict(None, capture.stack, run))
 
 
 def test_the_unit_is_known_before_any_map_is_made(tmp_path: Path) -> None:

@@ -53,11 +53,15 @@ def test_a_run_killed_while_its_identity_was_written_is_begun_anew(tmp_path: Pat
 def test_a_run_goes_on_in_its_own_folder_only(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     run_folder.open_run_folder(folder, {"entry": "mine"}, goes_on=False)
-    for name in ("pairs.jsonl", run_folder.PREDICTIONS):
-        (folder / name).symlink_to(tmp_path / "elsewhere")
+    maps = folder / run_folder.PREDICTIONS
+    for place in (folder / "pairs.jsonl", maps, maps / "Art"):
+        place.parent.mkdir(exist_ok=True)
+        place.symlink_to(tmp_path / "elsewhere")
         with pytest.raises(ResultError, match="a link where a run writes"):
             run_folder.open_run_folder(folder, {"entry": "mine"}, goes_on=True)
-        (folder / name).unlink()
+        place.unlink()
+    (folder / "pairs.jsonl").symlink_to(tmp_path / "elsewhere")
+    assert run_folder.open_run_folder(folder, {"entry": "mine"}, goes_on=False)
 
 
 def test_a_note_that_is_no_text_names_no_place(tmp_path: Path) -> None:

@@ -54,6 +54,7 @@ def test_a_stopped_removal_leaves_no_half_of_a_store(
         with pytest.raises(KeyboardInterrupt):
             remove_entries(cache_entries(tmp_path))
     assert not store.exists()
+    assert [entry.stem for entry in cache_entries(tmp_path)] == ["b"]
     # Built again, removed again: nothing is left of either.
     for again in (store / "c", store.with_name(".b.zarr.removed") / "c"):
         again.mkdir(parents=True, exist_ok=True)
