@@ -318,7 +318,7 @@ def _forgetful(method: str | Callable[..., Any]) -> str | Callable[..., Any]:
         return method
     try:
         return copy.deepcopy(method)
-    except TypeError as error:
+    except Exception as error:  # what it holds may refuse in any way
         what = f"the method cannot be copied for each fold: {error}"
         raise MethodError(what, where=type(method).__name__, fix="give its class") from error
 

@@ -1,6 +1,8 @@
 """Call a method on one pair, so that nothing it does can spoil a run."""
 
 import contextlib
+import functools
+import inspect
 import io
 import sys
 import time
@@ -58,6 +60,30 @@ def as_method(found: Any) -> Any:
     torch = sys.modules.get("torch")
     is_network = torch is not None and isinstance(found, torch.nn.Module)
     return TorchMethod(found) if is_network else found
+
+
+class WithArguments:
+    """A function or an object that is called with further arguments, and otherwise as it is.
+
+    A ``functools.partial`` would hide its unit, its fit and what it was trained on.
+    """
+
+    def __init__(self, target: Any, given: Mapping[str, Any]) -> None:
+        self._target, self._given = target, given
+        with contextlib.suppress(TypeError, ValueError):  # some built-in functions have none
+            self.__signature__ = inspect.signature(functools.partial(target, **given))
+
+    def __call__(self, *images: Any) -> Any:
+        """Return what it returns for images, shape (y, x, 3), and the further arguments."""
+        return self._target(*images, **self._given)
+
+    def __getattr__(self, name: str) -> Any:
+        # A copy asks for special methods before it has a target.
+        if name.startswith("_"):
+            raise AttributeError(name)
+        found = getattr(self._target, name)
+        with_them = name == "from_stack" and callable(found)
+        return functools.partial(found, **self._given) if with_them else found
 
 
 def without_gradient(returned: Any) -> Any:

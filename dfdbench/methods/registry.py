@@ -206,7 +206,7 @@ def load_method(
     """
     # Imported before files are watched, because pydantic, which recipes use, first reads lists of
     # packages, as does a search by name; and not at the top, so that listing names needs no numpy.
-    from dfdbench.methods.calling import as_method
+    from dfdbench.methods.calling import WithArguments, as_method
     from dfdbench.methods.method import Method
     from dfdbench.methods.parameters import read_parameters
     from dfdbench.methods.sources import Sources
@@ -234,7 +234,7 @@ def load_method(
             predict = as_method(target)
             if given:
                 check_parameters(entry, target, given)
-                predict = functools.partial(predict, **given)
+                predict = WithArguments(predict, given)
         if not callable(predict):
             kind = type(predict).__name__
             what = f"not a method: {'an' if kind[0] in 'aeiou' else 'a'} {kind}"

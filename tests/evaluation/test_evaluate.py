@@ -341,6 +341,16 @@ def test_an_object_that_cannot_be_copied_is_not_fitted_fold_by_fold(few_demo: Da
             return infocus.mean(axis=2) ** power
 
     assert len(dfdbench.tune(Locked(), few_demo, {"power": [1]}, limit=1)) == 1
+
+    class Mean:
+        def fit(self, pairs: Any) -> None:
+            assert not hasattr(self, "level"), "it still knows the captures of another fold"
+            self.level = float(np.mean([pair.depth[pair.valid].mean() for pair in pairs]))
+
+        def __call__(self, infocus: Any, defocus: Any, times: float) -> Any:
+            return np.full(infocus.shape[:2], times * self.level)
+
+    assert dfdbench.tune(Mean(), few_demo, {"times": [0.5, 1.0]}).index.tolist() == [1.0, 0.5]
     fits = type("Fits", (Locked,), {"fit": print})()
     with pytest.raises(MethodError, match=r"cannot be copied.*\n.*Fix: give its class"):
         dfdbench.tune(fits, few_demo, {"power": [1]}, limit=1)

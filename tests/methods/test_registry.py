@@ -78,3 +78,28 @@ def test_what_is_piped_into_python_has_no_name(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(sys.modules, "piped", piped)
     with pytest.raises(MethodError, match="no name under which it could be found again"):
         entry_of(piped.predict)
+
+
+def test_what_a_function_or_an_object_says_holds_with_parameters_too() -> None:
+    def distance(infocus: Any, defocus: Any, scale: float = 2.0) -> Any:
+        return np.full(infocus.shape[:2], scale)
+
+    distance.unit, distance.trained_on = "metres", "demo-1, split test"  # type: ignore[attr-defined]
+    method = load_method(distance, {"scale": 3}, {})
+    assert (method.answers_in("levels"), method.trained_on) == ("metres", "demo-1, split test")
+    assert method(IMAGE, IMAGE)[0, 0] == 3
+
+    class Both:
+        def fit(self, pairs: Any) -> None:
+            self.level = 7
+
+        def __call__(self, infocus: Any, defocus: Any, scale: int = 1) -> Any:
+            return scale * self.level
+
+        def from_stack(self, stack: Any, scale: int = 1) -> Any:
+            return -scale * self.level
+
+    fitted = load_method(Both(), {"scale": 3}, {}).fit([])
+    assert (fitted.predict(IMAGE, IMAGE), fitted.attribute("from_stack")(IMAGE)) == (21, -21)
+    stacks = load_method(lambda stack, scale: stack, {"scale": 3}, {})
+    assert stacks.takes_stack
