@@ -157,10 +157,14 @@ def clear_cache(
     known = {*KINDS, *stems, *(entry.name for entry in entries)}
     chosen = []
     for name in names or KINDS:
-        if name not in known and not catalog.part_name(name)[1]:
+        on_track = name not in known and catalog.part_name(name)[1]
+        stem = catalog.find_manifest(name).stem if on_track else stems.get(name, name)
+        # A set of your own goes by its name without a version, too.
+        found = [e for e in entries if name in (e.kind, e.name, e.stem.rpartition("-")[0])]
+        found += [e for e in entries if e.stem == stem]
+        if not (found or on_track or name in known):
             raise unknown_name("entry of the cache", name, known)
-        stem = stems.get(name) or (name if name in known else catalog.find_manifest(name).stem)
-        chosen += [e for e in entries if name in (e.kind, e.name) or e.stem == stem]
+        chosen += found
     chosen = list(dict.fromkeys(chosen))
     for entry in chosen:
         say(f"  {entry.path}  {counted(entry.files, 'file')}, {decimal(entry.size)}")

@@ -57,6 +57,8 @@ def test_the_cache_is_listed_and_cleared(dfdbench: Command, site: Site) -> None:
     assert "removed 1 entries" in dfdbench("cache clear stores --yes").out
     assert "tiny-1.zarr" not in dfdbench("cache").out
     assert dfdbench("build tiny-1.toml --offline").status == 0
+    assert "removed 2 entries" in dfdbench("cache clear tiny --yes").out
+    dfdbench("build tiny-1.toml")
     assert "removed 2 entries" in dfdbench("cache clear --yes").out
     assert "nothing to remove" in dfdbench("cache clear --yes").out
 
