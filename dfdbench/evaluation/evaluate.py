@@ -285,16 +285,16 @@ def cross_validate(
     folds = folds_of(store)
     trials = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
     # Invalid parameters fail before anything is run.
-    for trial in trials:
-        loaded(trial)
+    methods = [loaded(trial) for trial in trials]
     every = [pair for fold in folds for pair in fold]
     # At random: every n-th capture may be of one illumination.
     scored = {every[n] for n in np.random.default_rng(seed).permutation(len(every))[:limit]}
     rows, done = list[dict[str, Any]](), 0
-    for trial in trials:
-        ready, found = loaded(trial), []
+    for trial, ready in zip(trials, methods, strict=True):
+        found = []
         for fold in filter(scored.intersection, folds):
             if ready.learner is not None:
+                # Anew for each fold: it may keep in itself what it learned.
                 ready = loaded(trial)
                 others = tuple(pair for pair in every if pair not in fold)
                 two = ready.two_images(store.manifest.pair_images)

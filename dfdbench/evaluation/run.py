@@ -31,7 +31,7 @@ _BATCH = 256  # pairs whose depth maps are in memory together when many run at o
 
 @functools.cache
 def _one_at_a_time(process: int) -> threading.RLock:
-    # Seeds and what a method prints are a whole process's, so runs in threads wait for one another.
+    # Calls wait for one another anyway; whole runs do, so that their times can be compared.
     return threading.RLock()
 
 

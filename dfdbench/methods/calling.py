@@ -70,8 +70,10 @@ class WithArguments:
 
     def __init__(self, target: Any, given: Mapping[str, Any]) -> None:
         self._target, self._given = target, given
-        with contextlib.suppress(TypeError, ValueError):  # some built-in functions have none
-            self.__signature__ = inspect.signature(functools.partial(target, **given))
+
+    @property
+    def __signature__(self) -> inspect.Signature:
+        return inspect.signature(functools.partial(self._target, **self._given))
 
     def __call__(self, *images: Any) -> Any:
         """Return what it returns for images, shape (y, x, 3), and the further arguments."""
