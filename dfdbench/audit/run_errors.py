@@ -22,8 +22,9 @@ from dfdbench.results.wording import NOTHING
 from dfdbench.system.text import as_json
 from dfdbench.tables.table import Table, counted, grouped, listed, percent
 
-#: An evaluated pair, its depth levels, a mask of known and answered pixels, and the answer.
-Told = tuple[PairResult, NDArray[np.uint8], Mask, NDArray[np.float32]]
+#: An evaluated pair, its depth, a mask of known and answered pixels, and the answer; in levels that
+#: are not rounded.
+Told = tuple[PairResult, NDArray[np.float32], Mask, NDArray[np.float32]]
 #: Below this share of the error, uncovered levels are not the cause.
 _SMALL = 0.1
 WHOLE = np.ones(LEVELS, bool)
@@ -69,12 +70,14 @@ class LevelErrors:
 
 
 def level_errors(
-    depth: NDArray[np.uint8],
+    depth: NDArray[np.uint8] | NDArray[np.float32],
     valid: Mask,
     prediction: NDArray[np.float32],
     scale: DepthScale | None = None,
 ) -> LevelErrors:
     """Sum a prediction's errors by true level where depth is known; in metres if given a scale.
+
+    The errors are those of the depth as it is, which is rounded only to find its level.
 
     Examples
     --------
@@ -90,10 +93,11 @@ def level_errors(
         error = np.abs(estimate - known)
     else:
         error = np.abs(scale.to_metres(estimate) - scale.to_metres(known))
+    level = np.rint(known).astype(np.int64)
     return LevelErrors(
-        np.bincount(known, minlength=LEVELS).astype(np.int64),
-        np.asarray(np.bincount(known, weights=error, minlength=LEVELS), np.float64),
-        np.asarray(np.bincount(known, weights=error**2, minlength=LEVELS), np.float64),
+        np.bincount(level, minlength=LEVELS).astype(np.int64),
+        np.asarray(np.bincount(level, weights=error, minlength=LEVELS), np.float64),
+        np.asarray(np.bincount(level, weights=error**2, minlength=LEVELS), np.float64),
     )
 
 
@@ -170,7 +174,7 @@ def kept_predictions(store: Dataset, result: Result, folder: Path) -> Iterator[T
     require_pairs_of(result, store, folder)
     problems = []
     for pair in result.evaluated:
-        depth, valid = store.read_levels(pair.pair)
+        depth, valid = _exact_levels(store, pair)
         of_pair, unit = (folder, pair.pair, depth.shape), store.manifest.depth.kind
         prediction = read_prediction(*of_pair, "depth", unit)
         sigma = read_prediction(*of_pair, "sigma", unit)
@@ -180,14 +184,19 @@ def kept_predictions(store: Dataset, result: Result, folder: Path) -> Iterator[T
             problems.append(("the prediction is not the result's", pair.id))
         else:
             # Count errors only where the method answered.
-            answered = ~np.isnan(prediction)
-            levels = store.manifest.depth.exact_levels(np.where(answered, prediction, 1))
-            yield pair, depth, valid & answered, levels
+            levels = store.manifest.depth.exact_levels(prediction)
+            yield pair, depth, valid & ~np.isnan(prediction), levels
     if problems or not result.evaluated:
         what, where = problems[0] if problems else ("no pair was evaluated", "")
         what += f" ({len(problems)} of {result.dataset.evaluated} pairs)"
         fix = "run the method again, without --no-predictions"
         raise ResultError(what, where=f"{folder}: {where}", fix=fix)
+
+
+def _exact_levels(store: Dataset, pair: PairResult) -> tuple[NDArray[np.float32], Mask]:
+    """Return a pair's depth in levels that are not rounded, NaN where unknown; and where known."""
+    depth = store.read_depth(pair.pair)
+    return store.manifest.depth.exact_levels(depth), np.isfinite(depth)
 
 
 def error_table(join: ErrorJoin, title: str, meaning: str) -> Table:
@@ -371,7 +380,7 @@ def depth_errors(store: Dataset, result: Result, folder: Path, name: str) -> Dep
 
 def constant_errors(store: Dataset, result: Result, level: float, name: str) -> DepthErrors:
     """Return the errors of predicting one level everywhere on the pairs of a run."""
-    depths = ((pair, *store.read_levels(pair.pair)) for pair in result.evaluated)
+    depths = ((pair, *_exact_levels(store, pair)) for pair in result.evaluated)
     found = (
         (pair, depth, valid, np.full(depth.shape, level, np.float32))
         for pair, depth, valid in depths
@@ -388,7 +397,7 @@ def _summed(name: str, found: Iterable[Told], scale: DepthScale | None) -> Depth
         if scale is not None:
             metres.append(level_errors(depth, valid, prediction, scale))
         answer = np.clip(np.rint(prediction[valid]), 0, LAST_LEVEL).astype(np.int64)
-        known = depth[valid].astype(np.int64)
+        known = np.rint(depth[valid]).astype(np.int64)
         answers += np.bincount(known * LEVELS + answer, minlength=LEVELS * LEVELS)
     in_metres = field_sums(*metres) if metres else None
     by_answer = answers.reshape(LEVELS, LEVELS)

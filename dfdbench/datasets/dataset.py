@@ -164,8 +164,7 @@ class Dataset:
         pair : Pair
             Which pair.
         region : pair of slice
-            Rows and columns; by default the whole image. Only this pair's images and depth map are
-            decoded.
+            Rows and columns; by default all. Only this pair's images and depth map are decoded.
 
         Raises
         ------
@@ -174,8 +173,7 @@ class Dataset:
         StoreError
             If an array cannot be decoded.
         """
-        at = self._index(pair, self.manifest.axes)
-        depth = self.manifest.depth
+        at, depth = self._index(pair, self.manifest.axes), self.manifest.depth
         return Capture(
             pair,
             self._part(pair.scene, "images", (*at, slice(None), *region)),
@@ -185,11 +183,14 @@ class Dataset:
             self.manifest.groups.get(pair.scene, pair.scene),
         )
 
+    def read_depth(self, pair: Pair) -> NDArray[np.float32]:
+        """Read one pair's depth in the set's unit, NaN where it is not known."""
+        return self._part(pair.scene, "depth", self._index(pair, self.manifest.depth.axes))
+
     def read_levels(self, pair: Pair) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-        """Read one pair's depth levels, and where the depth is known."""
-        depth = self.manifest.depth
-        values = self._part(pair.scene, "depth", self._index(pair, depth.axes))
-        return depth.levels_of(values), np.isfinite(values)
+        """Read one pair's depth as whole levels, and where it is known."""
+        depth = self.read_depth(pair)
+        return self.manifest.depth.levels_of(depth), np.isfinite(depth)
 
     def _facts(self, scene: str, at: tuple[int, ...]) -> ImageFacts:
         if scene not in self._known:

@@ -154,7 +154,7 @@ class Depth(StrictRecord):
         return found, np.asarray(sigma * rise / (high - low), np.float32)
 
     def exact_levels(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return depth of this kind, without NaN, as levels that are not rounded."""
+        """Return depth of this kind as levels that are not rounded; NaN stays."""
         if self.kind == "levels" or self.scale is None:
             return depth
         return self._levels_of_metres(depth)

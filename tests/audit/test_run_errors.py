@@ -12,10 +12,14 @@ from dfdbench.audit.sides import sides_of
 from dfdbench.audit.trained_on import Training
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Pair
+from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import ResultError
+from dfdbench.evaluation.evaluate import score_predictions
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.run import RunDone, run_method
+from tests.conftest import store_of
 from tests.evaluation.made_predictions import in_metres
+from tests.made_stack_folder import STACK_TOML, make_stacks
 
 DEPTH = np.array([[9, 9, 80, 0]], np.uint8)
 ERRORS = run_errors.level_errors(DEPTH, DEPTH > 0, np.array([[13, 3, 80.5, 200]], np.float32))
@@ -126,6 +130,19 @@ def test_errors_are_those_of_known_pixels_by_depth(tiny_store: Dataset, run: Run
     assert (found.answers.sum(axis=1) == found.levels.pixels).all()
     constant = run_errors.constant_errors(store, run.result, 60.0, "constant")
     assert (constant.levels.absolute == found.levels.absolute).all()
+
+
+def test_the_truth_itself_is_not_off_where_depth_lies_between_levels(tmp_path: Path) -> None:
+    manifest = parse_manifest(STACK_TOML.encode(), "mine-1.toml")
+    store = store_of(manifest, make_stacks(tmp_path / "mine"), tmp_path / "one.zarr")
+    maps = tmp_path / "maps"
+    for pair in store.pairs("test"):
+        (maps / pair.id).parent.mkdir(parents=True)
+        np.save(maps / f"{pair.id}.npy", store.read(pair).depth)
+    done = score_predictions(maps, store, "test", tmp_path / "out", "mine", "metres")
+    found = run_errors.depth_errors(store, done.result, done.folder, "mine")
+    assert found.metres is not None
+    assert [found.levels.mean(), found.metres.mean()] == pytest.approx([0, 0], abs=1e-4)
 
 
 def test_the_table_has_a_row_a_band_that_occurs_and_metres_where_they_are_told(
