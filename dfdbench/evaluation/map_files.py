@@ -350,8 +350,7 @@ def _answer(
 ) -> tuple[DepthMap, DepthMap | None, int]:
     """Return a file's depth and sigma in the set's unit, and how many pixels are beyond its ends.
 
-    Metres are never beyond the ends of a set in metres. A ValueError says what is wrong with the
-    file.
+    A ValueError says what is wrong with the file.
     """
     try:
         values, spread = _read(path, unit)
@@ -367,8 +366,7 @@ def _answer(
         depth, sigma = check_answer(values if spread is None else (values, spread), shape, unit)
     except ValueError as error:
         raise ValueError(str(error).replace("returned", "holds", 1)) from error
-    told = unit == "metres" and about.kind == "levels"
-    beyond = int(about.beyond(values).sum()) if told else 0
+    beyond = int(about.beyond(values).sum()) if unit == "metres" else 0
     return *about.answer_of_unit(depth, sigma, unit), beyond
 
 

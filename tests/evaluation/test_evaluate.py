@@ -203,6 +203,20 @@ def test_millimetres_for_metres_are_scored_and_told(
         assert not any("multiply" in text for text in warnings)
 
 
+def test_what_lies_beyond_the_ends_of_a_set_in_metres_is_told_of_scored_maps(
+    of_stacks: Dataset, tmp_path: Path
+) -> None:
+    def far(stem: Path, levels: Any) -> None:
+        np.save(f"{stem}.npy", np.where(levels < 90, 9.0, 2.0))
+
+    maps = tmp_path / "maps"
+    made = write_all(of_stacks, "test", maps, far)
+    done = score_predictions(maps, of_stacks, "test", tmp_path / "out", "mine", "metres")
+    share = np.mean([levels < 90 for levels in made.values()])
+    (told,) = [text for text in done.result.warnings if "beyond" in text]
+    assert told == f"{share:.1%} of all pixels lie beyond 0.5 to 5 m and count as the end"
+
+
 def test_metres_for_levels_are_told_on_a_set_in_metres_too(of_stacks: Dataset) -> None:
     def near(*images: Any) -> Any:
         return np.full(images[0].shape[-3:-1], 2.5)
