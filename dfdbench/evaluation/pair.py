@@ -317,8 +317,8 @@ def warned(
     turned = _how_many(evaluated, _TURNED)
     # A flat board shows no direction, so half of the pairs are enough for a warning.
     if turned and 2 * turned >= len(evaluated):
-        # A method that answers in metres without saying so is reversed on such a set.
-        metres = "; or are these metres?" if manifest.depth.kind == "metres" else ""
+        # A method that answers in metres without saying so is reversed on a set in metres.
+        metres = ", and metres larger for farther" if manifest.depth.scale else ""
         warnings.append(
             f"{_TURNED} on {turned} of {len(evaluated)} pairs: {manifest.stem} wants brighter for "
             f"{manifest.depth.direction}{metres}"

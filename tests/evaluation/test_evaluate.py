@@ -203,6 +203,17 @@ def test_millimetres_for_metres_are_scored_and_told(
         assert not any("multiply" in text for text in warnings)
 
 
+def test_a_set_in_metres_wants_levels_one_way_and_metres_the_other(of_stacks: Dataset) -> None:
+    def falls(*images: Any) -> Any:
+        rows, columns = images[0].shape[-3:-1]
+        # The floor is nearer further down.
+        return np.repeat(np.linspace(1, 4, rows)[:, np.newaxis], columns, axis=1)
+
+    falls.unit = "metres"  # type: ignore[attr-defined]
+    (told,) = evaluate(falls, of_stacks).result.warnings
+    assert told.endswith("pairs: mine-1 wants brighter for nearer, and metres larger for farther")
+
+
 def test_what_lies_beyond_the_ends_of_a_set_in_metres_is_told_of_scored_maps(
     of_stacks: Dataset, tmp_path: Path
 ) -> None:
