@@ -140,7 +140,7 @@ def call(predict: Predict, *images: Any, unit: Unit = "levels") -> Prediction:
     >>> call(lambda infocus, defocus: [[1, 2], [3, 4]], image, image).depth.tolist()
     [[1.0, 2.0], [3.0, 4.0]]
     >>> call(lambda infocus, defocus: infocus, image, image).error
-    'returned shape (2, 2, 3); expected (2, 2), one depth level a pixel'
+    'returned shape (2, 2, 3); expected (2, 2), one number a pixel'
     >>> call(lambda infocus, defocus: (np.ones((2, 2)), np.full((2, 2), 5)), image, image).sigma
     array([[5., 5.],
            [5., 5.]], dtype=float32)
@@ -220,7 +220,7 @@ def check_answer(
     ValueError: returned sigma of 0 to 0; expected finite numbers above 0 wherever there is depth
     """
     if returned is None:
-        raise ValueError("returned None; expected depth levels: is a `return` missing?")
+        raise ValueError("returned None; expected a depth map: is a `return` missing?")
     if not isinstance(returned, tuple):
         return _checked_depth(returned, shape, unit), None
     if any(isinstance(part, Mapping) for part in returned):
@@ -278,8 +278,8 @@ def _as_array(returned: Any, shape: tuple[int, ...], what: str = "") -> NDArray[
     if array.dtype.kind not in "uif":
         raise ValueError(f"returned {what}{array.dtype} values; expected real numbers")
     if array.shape != shape:
-        each = "one number a pixel" if what else "one depth level a pixel"
-        raise ValueError(f"returned {what}shape {array.shape}; expected {shape}, {each}")
+        expected = f"expected {shape}, one number a pixel"
+        raise ValueError(f"returned {what}shape {array.shape}; {expected}")
     return array
 
 
@@ -289,12 +289,12 @@ def difference(one: DepthMap | None, other: DepthMap | None) -> str:
     Parameters
     ----------
     one, other : ndarray of float32, shape (y, x), or None
-        Depth levels, NaN where there is no answer; None if the call returned no depth map.
+        Depth, in one unit, NaN where there is no answer; None if the call returned no depth map.
 
     Examples
     --------
     >>> difference(np.float32([[1, 2]]), np.float32([[1, 7]]))
-    'differs in 1 of 2 pixels, by up to 5 levels'
+    'differs in 1 of 2 pixels, by up to 5'
     >>> difference(np.float32([[1, np.nan]]), np.float32([[1, 7]]))
     'answers 1 of 2 pixels only one time in two'
     >>> difference(None, None), difference(None, np.float32([[1]]))
@@ -308,7 +308,7 @@ def difference(one: DepthMap | None, other: DepthMap | None) -> str:
     count = np.count_nonzero(apart > _ROUNDING)
     if not count:
         return ""
-    return f"differs in {count} of {apart.size} pixels, by up to {apart.max():.3g} levels"
+    return f"differs in {count} of {apart.size} pixels, by up to {apart.max():.3g}"
 
 
 def in_few_levels(depth: DepthMap) -> bool:

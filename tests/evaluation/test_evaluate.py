@@ -214,6 +214,18 @@ def test_a_set_in_metres_wants_levels_one_way_and_metres_the_other(of_stacks: Da
     assert told.endswith("pairs: mine-1 wants brighter for nearer, and metres larger for farther")
 
 
+def test_a_second_answer_in_metres_is_not_off_by_levels(of_stacks: Dataset) -> None:
+    calls = []
+
+    def drifts(*images: Any) -> Any:
+        calls.append(1)
+        return np.full(images[0].shape[-3:-1], 1 + len(calls) / 2)
+
+    drifts.unit = "metres"  # type: ignore[attr-defined]
+    (told,) = evaluate(drifts, of_stacks).result.warnings
+    assert ", by up to 1 (" in told
+
+
 def test_what_lies_beyond_the_ends_of_a_set_in_metres_is_told_of_scored_maps(
     of_stacks: Dataset, tmp_path: Path
 ) -> None:

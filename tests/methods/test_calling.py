@@ -15,7 +15,7 @@ def test_a_bad_answer_is_said_not_scored() -> None:
     bad: list[tuple[Any, str]] = [
         (np.zeros((4, 6, 3)), "returned shape (4, 6, 3)"),
         (5, "returned shape ()"),
-        (None, "returned None; expected depth levels: is a `return` missing?"),
+        (None, "returned None; expected a depth map: is a `return` missing?"),
         ("depth", "expected real numbers"),
         (np.full((4, 6), np.nan), "NaN, no answer, in all of 24"),
         (np.where(np.eye(4, 6), np.inf, 1), "infinity in 4 of 24"),
