@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.building.export import STACK_FILE
+from dfdbench.building.export import PAIR_IMAGES, STACK_FILE
 from dfdbench.building.sources import image_files
 from dfdbench.building.sources.captured_images import in_one
 from dfdbench.datasets.captured_files import OF_CAMERA, CapturedFiles
@@ -87,6 +88,9 @@ def read_stack(place: Path) -> xarray.DataArray:
             name: float("nan" if value is None else value) if name in _NUMBERS else value
             for name, value in said["attributes"].items()
         }
+        if PAIR_IMAGES in attributes:
+            first, second = said["attributes"][PAIR_IMAGES]
+            attributes[PAIR_IMAGES] = [operator.index(first), operator.index(second)]
         return xarray.DataArray(in_one(images), coordinates, dimensions, attrs=attributes)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         what = f"the stack cannot be read: {reason_of(error)}"

@@ -55,6 +55,8 @@ def test_a_description_of_a_stack_that_is_none_is_refused(tmp_path: Path) -> Non
     wrong: tuple[dict[str, object], ...] = (
         {"attributes": []},
         {"attributes": {"near": "x"}},
+        {"attributes": {"pair_images": [1]}},
+        {"attributes": {"pair_images": [0, 1.5]}},
         {"coordinates": [1]},
         {"images": 3},
         {"images": [f"../{tmp_path.name}/a.png"]},

@@ -16,6 +16,7 @@ from dfdbench.blur.light import decode, encode
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.blur.synthesis import synthesize
 from dfdbench.building.build import build_store
+from dfdbench.building.export import export_png
 from dfdbench.building.sources import open_source
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
@@ -282,6 +283,20 @@ def test_a_run_tells_how_its_set_s_captures_become_pairs(tmp_path: Path) -> None
         np.testing.assert_array_equal(depth, run.images(capture.pair.id)[1])
     two = capture.two_of([2, 0]).stack
     np.testing.assert_array_equal(predict(None, two, run), predict(None, capture.stack, run))
+
+
+def test_an_exported_stack_says_which_two_images_a_method_of_pairs_gets(tmp_path: Path) -> None:
+    toml = STACK_TOML.replace("[axes]", "pair_images = [3, 1]\n[axes]")
+    manifest = parse_manifest(toml.encode(), "mine-1.toml")
+    source = open_source(manifest, make_stacks(tmp_path / "mine"))
+    build_store(manifest, source, tmp_path / "mine.zarr")
+    store = Dataset(tmp_path / "mine.zarr")
+    export_png(store, tmp_path / "png", "test", images_only=True)
+    pair = store.pairs("test")[0]
+    seen = DepthPredictor(lambda infocus, defocus: infocus[..., 0] / 2.0 + defocus[..., 0] / 2.0)
+    found = seen.of_files([tmp_path / "png" / pair.id]).depth
+    both = store.read(pair).images[[3, 1], ..., 0]
+    np.testing.assert_array_equal(found, both.mean(axis=0, dtype=np.float32))
 
 
 def test_the_unit_is_known_before_any_map_is_made(tmp_path: Path) -> None:
