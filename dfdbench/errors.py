@@ -4,7 +4,7 @@ import difflib
 import errno
 import re
 import unicodedata
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass
 from typing import Self
 
@@ -172,6 +172,66 @@ class MethodError(DfdbenchError):
 
 class ResultError(DfdbenchError):
     """A result file that is damaged, of another version or contradicts itself."""
+
+
+def refuse_both(these: Mapping[str, object], those: Mapping[str, object]) -> None:
+    """Refuse what cannot be asked for together, by its names as the user types them.
+
+    Parameters
+    ----------
+    these, those : mapping of str to object
+        Values by name; None, False and empty lists were not given. None of `these` goes with any
+        of `those`.
+
+    Raises
+    ------
+    InputError
+        If some of both were given; it names them all.
+
+    Examples
+    --------
+    >>> refuse_both({"--each": None}, {"--train": "train", "--test": "test"})
+    >>> refuse_both({"--fold": "K1"}, {"--train": "train", "--test": "test"})
+    Traceback (most recent call last):
+    dfdbench.errors.InputError: --train and --test cannot be given with --fold
+    Fix: leave out --train and --test, or --fold
+    """
+    first, second = _given(these), _given(those)
+    if first and second:
+        fix = f"leave out {second}, or {first}"
+        raise InputError(f"{second} cannot be given with {first}", fix=fix)
+
+
+def refuse_alone(these: Mapping[str, object], needed: Mapping[str, object]) -> None:
+    """Refuse what needs something else, by its names as the user types them.
+
+    Parameters
+    ----------
+    these, needed : mapping of str to object
+        As for `refuse_both`; any of `these` needs one of `needed`.
+
+    Raises
+    ------
+    InputError
+        If some of `these` were given, and none of `needed`.
+
+    Examples
+    --------
+    >>> refuse_alone({"--split": "train"}, {"--dataset": None})
+    Traceback (most recent call last):
+    dfdbench.errors.InputError: --split cannot be given without --dataset
+    Fix: add --dataset, or leave out --split
+    """
+    lacking, first = " or ".join(needed), _given(these)
+    if first and not _given(needed):
+        fix = f"add {lacking}, or leave out {first}"
+        raise InputError(f"{first} cannot be given without {lacking}", fix=fix)
+
+
+def _given(values: Mapping[str, object]) -> str:
+    # An empty text, as of an unset variable, was given.
+    nothing: tuple[object, ...] = (None, False, (), [])
+    return " and ".join(name for name, value in values.items() if value not in nothing)
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> UnknownNameError:

@@ -1,6 +1,17 @@
 import pickle
 
-from dfdbench.errors import DfdbenchError, ManifestError, Problem, is_lack_of_memory, unknown_name
+import pytest
+
+from dfdbench.errors import (
+    DfdbenchError,
+    InputError,
+    ManifestError,
+    Problem,
+    is_lack_of_memory,
+    refuse_alone,
+    refuse_both,
+    unknown_name,
+)
 
 
 def test_of_more_problems_than_anyone_reads_the_first_are_shown() -> None:
@@ -27,6 +38,14 @@ def test_a_name_that_nobody_could_read_is_cut_and_our_lists_are_not() -> None:
     assert "k99, got" in text
     # Who handles the error has the whole name.
     assert error.problems[0].got == name
+
+
+def test_an_empty_text_was_given_and_false_was_not() -> None:
+    refuse_both({"--check": False, "--train": None}, {"--mirror": (), "--test": "all"})
+    with pytest.raises(InputError, match="--split cannot be given with --fold"):
+        refuse_both({"--fold": ""}, {"--split": "test"})
+    refuse_alone({"--split": None}, {"--dataset": None})
+    refuse_alone({"--split": "test"}, {"--dataset": None, "--result": ""})
 
 
 def test_text_of_somebody_elses_file_steers_no_terminal() -> None:

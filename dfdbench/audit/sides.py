@@ -17,7 +17,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.depth_scale import DepthScale
 from dfdbench.datasets.fingerprint import scene_record, variable_digest
 from dfdbench.datasets.manifest import require_fold, training_of
-from dfdbench.errors import InputError, StoreError
+from dfdbench.errors import InputError, StoreError, refuse_both
 
 #: Side in pixels of the crops that the thesis's networks train on (5.2.1) ...
 CROP_SIZE = 32
@@ -308,9 +308,7 @@ def sides_of(
     StoreError
         If a store holds none of the scenes.
     """
-    if fold is not None and (train or test or other):
-        fix = "leave out --train, --test and --test-dataset"
-        raise InputError("a fold says both what trains and what tests", where="--fold", fix=fix)
+    refuse_both({"--fold": fold}, {"--train": train, "--test": test, "--test-dataset": other})
     if fold is not None:
         tested = side_of(store, fold)
         return all_but(store, fold), tested

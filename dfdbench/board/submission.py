@@ -13,7 +13,7 @@ from dfdbench.board import LEADERBOARD, SCORE_TOLERANCE, board, cards, row_file
 from dfdbench.board.row_file import Row
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.fingerprint import require_sound
-from dfdbench.errors import InputError, Problem, ResultError, StoreError
+from dfdbench.errors import InputError, Problem, ResultError, StoreError, refuse_both
 from dfdbench.evaluation.fitting import fit_method
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.pair import PairEvaluator
@@ -38,9 +38,7 @@ def require_submittable(limit: int | None) -> None:
     InputError, ResultError
         If the run is limited to some pairs, or there is no leaderboard here.
     """
-    if limit:
-        fix = "leave out --limit; pairs that were run already are taken over"
-        raise InputError("a limited run cannot be submitted", where=f"--limit {limit}", fix=fix)
+    refuse_both({"--submit": True}, {"--limit": limit})
     if not LEADERBOARD.is_dir():
         fix = "run this in the root of a clone of dfdbench"
         raise ResultError("no leaderboard here to submit to", where=str(LEADERBOARD), fix=fix)

@@ -22,7 +22,7 @@ from dfdbench.datasets.catalog import default_store
 from dfdbench.datasets.depth_scale import Rig
 from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.datasets.store_writer import SceneWriter, StoreWriter
-from dfdbench.errors import InputError, Problem, SourceError
+from dfdbench.errors import Problem, SourceError, refuse_alone, refuse_both
 from dfdbench.system.location import Place, as_location, is_local
 from dfdbench.system.parallel import Pool, Threads
 from dfdbench.tables.table import counted, grouped, listed
@@ -62,21 +62,14 @@ def refuse_another_set(
     """
     if recipe is not None:
         find_recipe(recipe)
-    if recipe is not None and manifest.on_track:
-        what = f"a track decides how its images are made: no recipe {recipe} on {manifest.short}"
-        fix = f"leave out --recipe, or the track, @{manifest.degradation}"
-        raise InputError(what, where="--recipe", fix=fix)
+    refuse_both({manifest.short: manifest.on_track}, {"--recipe": recipe})
     own = os.path.realpath(default_store(manifest, cache))
     if not is_local(place) or os.path.realpath(place.path) != own:
         return
-    if recipe not in (None, manifest.recipe):
-        what = f"another blur recipe, {recipe} and not {manifest.recipe}, makes another data set"
-        raise InputError(what, where="--recipe", fix="name its place: --store PATH")
     usual = manifest.capture and (manifest.capture.infocus_step, manifest.capture.defocus_step)
-    if steps is not None and usual not in (None, steps):
-        named = ",".join(map(str, steps))
-        what = f"other voltage steps, {named} and not {usual}, make another data set"
-        raise InputError(what, where="--pair", fix="name its place: --store PATH")
+    other = {f"--recipe {recipe}": recipe not in (None, manifest.recipe)}
+    other["--pair"] = steps is not None and usual not in (None, steps)
+    refuse_alone(other, {"a --store of another place": None})
 
 
 @dataclass(frozen=True)

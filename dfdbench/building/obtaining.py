@@ -15,7 +15,7 @@ from dfdbench.building.sources.middlebury import Download, download_middlebury
 from dfdbench.datasets.catalog import default_store, find_manifest, of_seed
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError, Problem, refuse_both
 from dfdbench.results.output_place import output_place
 from dfdbench.system.cache import DOWNLOADS, cache_folder
 from dfdbench.system.location import Place, as_location, is_local
@@ -63,15 +63,10 @@ def obtain(
         If options contradict each other, or files cannot be obtained.
     """
     if folder is not None or manifest.reader != "middlebury":
-        given = [name for name, value in (("--mirror", mirrors), ("--offline", offline)) if value]
-        if given:
-            what = f"{manifest.short} is not fetched here"
-            if folder is not None:
-                what = "--source reads a copy on disk: nothing is fetched"
-            raise InputError(what, where=" and ".join(given), fix="leave it out")
+        here = {manifest.short if folder is None else "--source": True}
+        refuse_both(here, {"--mirror": mirrors, "--offline": offline})
         return open_source(manifest, folder, manifest.checksums, steps), None
-    if offline and mirrors:
-        raise InputError("--offline asks nobody", where="--mirror", fix="leave one of them out")
+    refuse_both({"--offline": offline}, {"--mirror": mirrors})
     mirrors = (*mirrors, *os.environ.get("DFDBENCH_MIRROR", "").split())
     InputError.raise_if(
         Problem(f"not an address, https://HOST/FOLDER: {one}", where="--mirror or DFDBENCH_MIRROR")

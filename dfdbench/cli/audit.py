@@ -14,7 +14,7 @@ from dfdbench.cli import screen
 from dfdbench.cli.options import Cache, DataSetArgument, Out, Printed, Split, data_sets
 from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.datasets.manifest import ALL_PAIRS, Pair
-from dfdbench.errors import InputError, Problem, StoreError
+from dfdbench.errors import InputError, StoreError, refuse_alone, refuse_both
 from dfdbench.figures import audits
 from dfdbench.results.output_place import output_place
 from dfdbench.results.record import RESULT, Result, load_result
@@ -54,10 +54,9 @@ def depths(
     cache: Cache = None,
 ) -> None:
     """Count how often each depth occurs, or with --result how far runs are off at each depth."""
+    refuse_both({"--result": result}, {"--split": split})
     store = open_dataset(dataset, cache=cache)
     if result:
-        if split is not None:
-            raise InputError("a run says itself which split it is of", where="--split")
         tables = _errors(store, result, figure)
     else:
         side = sides.side_of(store, split or ALL_PAIRS)
@@ -127,15 +126,12 @@ def difficulty(
     format: Printed = Format.table,
 ) -> None:
     """Say for which pixels the blur cannot tell neighbouring depth levels apart."""
+    refuse_alone({"--result": result}, {"--bound": bound})
     store = open_dataset(dataset)
     manifest, folder = store.manifest, _place(out, store, "bound" if bound else "difficulty", split)
     if bound:
         _answer_bound(store, split, result or [], folder, format)
         return
-    if result:
-        raise InputError(
-            "--result is for --bound, which shows runs beside the bound", fix="add --bound"
-        )
     with screen.progress("looking at pairs", "nothing was written") as step:
         found = hardness.split_difficulty(store, split, noise, step)
     rows = hardness.difficulty_rows(manifest, found)
@@ -253,8 +249,12 @@ def coverage(
     """Ask whether training covers the depths of the test; status 1 where it does not."""
     rule = cover.Rule(criterion, allow, density_factor, density_floor)
     run = load_result(result) if result else None
-    named = {"--train": train, "--test": test, "--fold": fold, "--test-dataset": test_dataset}
-    _refuse_mixtures(dataset, run, each, [option for option, name in named.items() if name])
+    if not dataset and not result:
+        raise InputError("no data set is named", fix="dfdbench audit coverage DATASET")
+    trains, tests = {"--train": train}, {"--test": test, "--test-dataset": test_dataset}
+    refuse_both({"--fold": fold}, trains | tests)
+    refuse_both({"--each": each}, {"--fold": fold, **trains, **tests, "--result": result})
+    refuse_both({"--result": result}, tests)
     store = open_dataset(dataset or (run.dataset.name if run else ""))
     if each:
         _answer_each(store, each, rule, out, format)
@@ -281,28 +281,6 @@ def _end(*records: cover.CoverageRecord) -> None:
     leaks.LeakError.raise_if(leak.as_problem() for leak in found)
     if not all(record.covered for record in records):
         raise Exit(NO)
-
-
-def _refuse_mixtures(
-    dataset: str | None, run: Result | None, each: Each | None, named: list[str]
-) -> None:
-    others = [*named, *["--result"] * bool(run)]
-    tests = [name for name in named if name in ("--test", "--test-dataset")]
-    wrong = (
-        (not dataset and not run, "no data set is named", "dfdbench audit coverage DATASET"),
-        (
-            each and others,
-            "--each tests every scene or fold by itself: no split and no result can be named",
-            " and ".join(others),
-        ),
-        (not each and run and tests, "a result says itself what tests", " and ".join(tests)),
-        (run and {"--train", "--fold"} <= set(named), "a fold says what trains", "--train"),
-    )
-    InputError.raise_if(
-        Problem(what, fix=fix if fix.startswith("dfdbench") else f"leave out {fix}")
-        for is_so, what, fix in wrong
-        if is_so
-    )
 
 
 def _answer_each(

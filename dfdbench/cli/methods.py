@@ -13,7 +13,7 @@ from typer import Argument, Exit, Option
 
 from dfdbench.cli.options import Facts, Fitted, Params, Printed, Seed, methods, values_of
 from dfdbench.cli.screen import GOES_ON, command, progress, require_picture, save_figure, say, show
-from dfdbench.errors import DfdbenchError, InputError, MethodError, Problem
+from dfdbench.errors import DfdbenchError, InputError, MethodError, Problem, refuse_both
 from dfdbench.results.output_place import output_place
 from dfdbench.statuses import NO
 from dfdbench.system.parallel import one_by_one
@@ -71,8 +71,7 @@ def predict(
     from dfdbench.evaluation.photographs import captures_in, lone_images
     from dfdbench.evaluation.predict import DepthPredictor
 
-    if fitted and lens:
-        raise InputError("both a fit and a lens are named", where="--fitted", fix="name one")
+    refuse_both({"--fitted": fitted}, {"--lens": lens})
     folder = len(images) == 1 and images[0].is_dir()
     if len(images) == 1 and not images[0].exists():
         fix = "name a folder of pairs, or two photographs"
@@ -92,10 +91,8 @@ def predict(
         raise InputError("no pair and no stack in this folder", where=str(images[0]), fix=fix)
     _check_places(out, figure, folder, [*images, fitted])
     parameters = values_of(param, "--param")
+    refuse_both({"--weights": weights}, {"--param weights": "weights" in parameters})
     if weights:
-        if "weights" in parameters:
-            what, fix = "the weights are named twice", "leave out --param weights=..."
-            raise InputError(what, where="--weights", fix=fix)
         parameters["weights"] = weights
     predictor = DepthPredictor(method, fitted or lens, parameters, not no_align, seed)
     if folder:
@@ -111,8 +108,7 @@ def _check_places(
     """Refuse before the work what could not be written after it."""
     from dfdbench.evaluation.map_files import MAPS, require_map
 
-    if folder and figure:
-        raise InputError("a figure is drawn of one pair", where="--figure", fix="leave it out")
+    refuse_both({"a folder of pairs": folder}, {"--figure": figure})
     if folder and out.suffix in MAPS:
         what = "the maps of a folder do not go into one file"
         raise InputError(what, where=f"--out {out}", fix="name a folder, or a .zip")

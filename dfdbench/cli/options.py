@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError, Problem, refuse_both
 from dfdbench.system.parallel import Cluster, Pool, Processes, Threads
 from dfdbench.system.text import parse_json
 from dfdbench.tables.table import Format
@@ -200,9 +200,8 @@ def pool_of_processes(workers: int | None, scheduler: str | None) -> Pool | None
 
 
 def _cluster(workers: int | None, scheduler: str | None) -> Cluster | None:
+    refuse_both({"--scheduler": scheduler}, {"--workers": workers})
     # An empty address, as of an unset variable, is refused and not a run on this machine.
-    if scheduler is not None and workers:
-        raise InputError("a cluster has its own number of workers", where="--workers")
     return None if scheduler is None else Cluster(scheduler)
 
 

@@ -14,7 +14,7 @@ import dfdbench
 from dfdbench.board import LEADERBOARD, SCORE_TOLERANCE
 from dfdbench.cli import screen
 from dfdbench.cli.options import Facts, FigureFormats, Printed, Protocol
-from dfdbench.errors import InputError
+from dfdbench.errors import refuse_alone, refuse_both
 from dfdbench.results.output_place import output_place
 from dfdbench.statuses import NO
 from dfdbench.tables.table import Format, counted
@@ -29,6 +29,7 @@ Dataset = Annotated[str | None, Option(help="Store; default: where the runs foun
 #: A page, or one table of methods beside metrics.
 ReportFormat = Literal["html", "markdown", "table", "latex", "csv", "json"]
 _PAGES = ("html", "markdown")
+_TABLE = "--format table, latex, csv or json"
 
 
 def report(
@@ -54,7 +55,8 @@ def report(
     from dfdbench.results.run_folder import PREVIOUS
     from dfdbench.results.saved_run import distinguished, open_saved_run
 
-    _refuse_what_does_not_fit(format, metric or figure, figure_format)
+    refuse_both({f"--format {format}": format not in _PAGES}, {"--figure-format": figure_format})
+    refuse_alone({"--metric": metric, "--figure": figure}, {_TABLE: format not in _PAGES})
     page = output_place(out or "report", *results) if out or format in _PAGES else None
     if figure:
         output_place(figure, *results, option="--figure")
@@ -88,15 +90,6 @@ def report(
             screen.say("no figure: no run is complete")
         else:
             screen.save_figure(drawn, figure)
-
-
-def _refuse_what_does_not_fit(format: ReportFormat, of_table: object, of_page: object) -> None:
-    if format not in _PAGES and of_page:
-        what, fix = "a table's figure has the form that its name says", "--figure FILE.pdf"
-        raise InputError(what, where="--figure-format", fix=fix)
-    if format in _PAGES and of_table:
-        where, fix = "--metric, --figure", "leave it out, or add --format table, latex, csv or json"
-        raise InputError("a page shows every metric and figure", where=where, fix=fix)
 
 
 def _write_page(
@@ -174,10 +167,7 @@ def leaderboard(
     """Print the leaderboard's first rankings, the newest seed's on top; in a clone, write them."""
     if context.invoked_subcommand:
         return
-    for name, given in (("--format", format), ("--dataset", dataset)):
-        if check and given:
-            fix = "leave out one of them"
-            raise InputError("--check prints no rankings", where=f"{name} {given}", fix=fix)
+    refuse_both({"--check": check}, {"--format": format, "--dataset": dataset})
     board = dfdbench.leaderboard(folder)
     if check:
         board.require_written()

@@ -13,7 +13,7 @@ import dfdbench
 from dfdbench.blur.tracks import TRACKS
 from dfdbench.cli import options
 from dfdbench.cli.screen import GOES_ON, WITHOUT_FRESH, command, progress, say, show
-from dfdbench.errors import InputError
+from dfdbench.errors import InputError, refuse_both
 from dfdbench.statuses import NO
 from dfdbench.tables.table import Format, counted
 
@@ -57,11 +57,8 @@ def run(
     submit: options.Submit = False,
 ) -> None:
     """Run a method on a data set and print its tables; a stopped run is resumed."""
-    no = "--no-predictions" if no_predictions else "--no-figures" if no_figures else ""
-    if no and figure_format:
-        raise InputError(
-            f"no figures are drawn with {no}", where="--figure-format", fix="leave out one of them"
-        )
+    bare = {"--no-predictions": no_predictions, "--no-figures": no_figures}
+    refuse_both(bare, {"--figure-format": figure_format})
     data = dfdbench.open_dataset(dataset, cache=cache)
     param = [*(param or ()), *([f"images={images}"] if images else ())]
     with progress(f"running {method}", WITHOUT_FRESH if fresh else GOES_ON) as step:
@@ -87,7 +84,7 @@ def run(
         given |= {"param": param, "protocol": protocol, "fitted": fitted, "seed": seed or None}
         given |= {"out": out, "workers": workers, "scheduler": scheduler, "cache": cache}
         then = command("run", *["--no-predictions"] * no_predictions, **given)
-    _show(done, format, None if no else figure_format or (), submit, tables, then)
+    _show(done, format, None if any(bare.values()) else figure_format or (), submit, tables, then)
 
 
 def tracks(

@@ -13,7 +13,7 @@ from dfdbench.cli import options, training
 from dfdbench.cli.screen import command, progress, save_figure, say, show
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset, open_dataset
-from dfdbench.errors import InputError
+from dfdbench.errors import InputError, refuse_both
 from dfdbench.results.output_place import output_place
 from dfdbench.statuses import NO
 from dfdbench.system.packages import needed
@@ -92,14 +92,9 @@ def _rows_of(
     from dfdbench.training.experiments import REDUCTION
     from dfdbench.training.reduction.reduce import configurations_in
 
-    if rows is None:
-        return None
-    if name != REDUCTION:
-        raise InputError(f"{name} has no rows", where="--rows", fix="leave it out")
-    if config != _PUBLISHED:
-        fix = "leave it out; dfdbench thesis reduce takes it"
-        raise InputError("each row brings its own configuration", where="--config", fix=fix)
-    return configurations_in(rows, chosen)
+    refuse_both({name: name != REDUCTION}, {"--rows": rows})
+    refuse_both({"--rows": rows}, {"--config": config != _PUBLISHED})
+    return None if rows is None else configurations_in(rows, chosen)
 
 
 def _data_of(
@@ -117,8 +112,7 @@ def _data_of(
         pairs, pool = chosen or asked.values, options.pool_of(None)
         sets = voltage_pair_sets(manifest, pairs, source, cache, pool, progress, _say_built)
         return sets, manifest.stem
-    if source:
-        raise InputError(f"{name} reads a built data set", where="--source", expected="--dataset")
+    refuse_both({name: True}, {"--source": source})
     store = open_dataset(dataset or "middlebury", cache=cache)
     return store, store.path.stem
 

@@ -13,7 +13,7 @@ from typer import Argument, Option
 from dfdbench.cli.options import Cache, Facts, Seed, TrainingOut, data_sets, values_of
 from dfdbench.cli.screen import command, progress, save_figure, say, show
 from dfdbench.datasets.dataset import open_dataset
-from dfdbench.errors import InputError, Problem
+from dfdbench.errors import InputError, refuse_alone, refuse_both
 from dfdbench.results.output_place import output_place
 from dfdbench.system.packages import PACKAGE_VERSION, needed
 from dfdbench.tables.table import Table
@@ -66,13 +66,12 @@ def train_command(
     seeded = f"-seed{seed}" if seed else ""
     make: Callable[[Path], Trainee]
     if method in ("stack-net", "volume-net"):
-        _refuse_unused(method, fold is not None, config != "published", device != "auto")
+        others = {"--config": config != "published", "--device": device != "auto"}
+        refuse_both({method: True}, {"--fold": fold, **others})
         what, make = _on_cameras(method, dataset, split, start, seed, changed, cache)
         default = Path("training") / what / (method + seeded)
     else:
-        if split is not None and fold is not None:
-            what = "--split and --fold both say what trains"
-            raise InputError(what, where="--fold", fix="give one of them")
+        refuse_both({"--split": split}, {"--fold": fold})
         dataset = dataset or "middlebury"
         store = open_dataset(dataset, cache=cache)
         settings = configuration.read_configuration(config, changed)
@@ -90,14 +89,6 @@ def train_command(
     show(format, tables, weights=outcome.weights, card=outcome.card.model_dump())
     param = f"weights={outcome.weights}"
     _tell(outcome, command("run", method=method, dataset=dataset, param=param, cache=cache))
-
-
-def _refuse_unused(method: str, fold: bool, config: bool, device: bool) -> None:
-    InputError.raise_if(
-        Problem(f"{method} has no such choice", where=name, fix="leave it out")
-        for name, given in (("--fold", fold), ("--config", config), ("--device", device))
-        if given
-    )
 
 
 def _on_patches(task: Task, device: str, _: Path) -> Trainee:
@@ -124,8 +115,7 @@ def _on_cameras(
 
     course: cameras.Course[Any] = stacks.STACK_NET if method == "stack-net" else volumes.VOLUME_NET
     steps = cameras.steps_of(course, changes)
-    if split and not dataset:
-        raise InputError("rendered rooms have no splits", where="--split", fix="name a --dataset")
+    refuse_alone({"--split": split}, {"--dataset": dataset})
     if start:
         # Refused before examples are made, which takes long.
         load_weights(start, method)
@@ -215,14 +205,13 @@ def _folder(place: str | Path, start: Path | None, resume: bool, fresh: bool) ->
     """Return the folder of a training, or refuse one that holds what may not be lost."""
     from dfdbench.training.trainer import TrainingFolder
 
+    refuse_both({"--resume": resume}, {"--fresh": fresh})
     # --fresh removes an earlier training, and must not remove the weights to begin with.
     folder = output_place(place, start if fresh else None, replaces=True)
     training, another = TrainingFolder(folder), "choose another with --out DIR"
     what, fix = "", another
     if folder.exists() and not folder.is_dir():
         what = "not a folder"
-    elif resume and fresh:
-        what, fix = "--resume goes on, --fresh starts anew", "choose one"
     elif training.foreign:
         what = "the folder holds something other than a training"
     elif resume and not training.started:

@@ -81,7 +81,7 @@ def test_splits_folds_and_scenes_part_the_data_set(tiny_store: Dataset) -> None:
     assert train.name == "all but K1"
     train, test = sides.sides_of(tiny_store, fold="Two")
     assert (list(train.scenes), list(test.scenes)) == (["One", "Three"], ["Two"])
-    with pytest.raises(InputError, match="a fold says both"):
+    with pytest.raises(InputError, match="--test cannot be given with --fold"):
         sides.sides_of(tiny_store, test="all", fold="K1")
     with pytest.raises(UnknownNameError, match="fold or scene"):
         sides.sides_of(tiny_store, fold="all")

@@ -8,14 +8,14 @@ from dfdbench.building import build_store
 from dfdbench.building.sources import ENTRY_POINT_GROUP, open_source
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.manifest import Manifest
-from dfdbench.errors import SourceError
+from dfdbench.errors import InputError, SourceError
 from tests.made_source import MadeSource
 
 
 def test_what_cannot_be_opened_says_what_is_lacking(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match="and none is named"):
         open_source(find_manifest("middlebury"))
-    with pytest.raises(SourceError, match="reads no folder"):
+    with pytest.raises(InputError, match="--source cannot be given with demo"):
         open_source(find_manifest("demo"), tmp_path)
 
 

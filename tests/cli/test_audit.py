@@ -52,7 +52,7 @@ def test_errors_by_depth_stand_beside_a_constants(dfdbench: Command, uneven: str
     partial = dfdbench(f"audit coverage {uneven} --result runs/K2 --format markdown").out
     assert re.search(r", only 1 of \d+ pairs, by what", partial), partial
     again = f"audit depths {uneven} --split all --result runs/90"
-    dfdbench.refused("a run says itself which split", again)
+    dfdbench.refused("--split cannot be given with --result", again)
 
 
 @pytest.mark.slow
@@ -199,9 +199,9 @@ def test_a_mistake_is_told(dfdbench: Command, uneven: str) -> None:
     dfdbench.refused("no place is named", "audit coverage", uneven, "--out", "")
     for words, told in (
         ("coverage", "no data set is named"),
-        ("coverage STORE --fold K1 --train Two", "a fold says both"),
+        ("coverage STORE --fold K1 --train Two", "--train cannot be given with --fold"),
         ("coverage STORE --fold K7", "did you mean K"),
-        ("coverage STORE --each fold --test Two", "no split and no result can be named"),
+        ("coverage STORE --each fold --test Two", "--test cannot be given with --each"),
         ("coverage STORE --each fold --fold K1", "leave out --fold"),
         ("coverage STORE --result none.json", "cannot read the result"),
         ("coverage STORE --out mymodule.py", "choose another place"),

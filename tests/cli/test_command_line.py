@@ -26,7 +26,7 @@ def test_a_mistake_ends_with_a_message_and_status_2(dfdbench: Command) -> None:
         ("build demo@law-1 --recipe text", "leave out --recipe"),
         ("build middlebury --offline", "--source DIR"),
         ("build realworld", "dfdbench build realworld --source DIR"),
-        ("build demo --offline", "not fetched here"),
+        ("build demo --offline", "--offline cannot be given with demo"),
         ("build demo --store nosuch://x/y.zarr", "cannot reach places"),
         ("build demo --scheduler nonsense://x", "not a scheduler's address"),
         ("build tiny-1.toml --cache tiny-1.toml", "cannot keep the download"),

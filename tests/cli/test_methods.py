@@ -98,8 +98,8 @@ def test_mistakes_are_refused_before_anything_is_written(dfdbench: Command, tmp_
     for words, says in (
         ((images[0], "--method", "local"), "two photographs or a folder of pairs are needed"),
         ((str(tmp_path / "empty"), "--method", "local"), "no pair and no stack in this folder"),
-        ((*images, "--fitted", "run", "--lens", "lens.toml"), "both a fit and a lens"),
-        ((*images, "--weights", "demo", "--param", "weights=robust"), "weights are named twice"),
+        ((*images, "--fitted", "run", "--lens", "lens.toml"), "leave out --lens, or --fitted"),
+        ((*images, "--weights", "demo", "--param", "weights=robust"), "leave out --param weights"),
         ((images[0], "nothing.png", "--method", "mymodule:predict"), "nothing.png"),
         ((*images, "--method", "graph-cuts"), "--fitted RUN"),
         (images, "--method NAME"),

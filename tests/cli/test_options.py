@@ -41,7 +41,7 @@ def test_where_work_is_done() -> None:
     assert pool_of_processes(None, None) is None
     assert pool_of_processes(1, None) is None
     for pool in (pool_of, pool_of_processes):
-        with pytest.raises(InputError, match="a cluster has its own number of workers"):
+        with pytest.raises(InputError, match="--workers cannot be given with --scheduler"):
             pool(2, "tcp://node1:8786")
 
 

@@ -53,10 +53,12 @@ def test_runs_are_compared_and_reported(dfdbench: Command) -> None:
     assert (table.status, table.out) == (0, "t.tex\n")
     assert r"& SSIM $\uparrow$ \\" in Path("t.tex").read_text("utf-8")
     assert "no figure: no run is complete" in table.err
-    dfdbench.refused("a page shows every metric and figure", "report window=5 --metric ssim")
-    dfdbench.refused("has the form that its name says", "report window=5 --format csv", *SVG)
+    dfdbench.refused("add --format table, latex, csv or json", "report window=5 --metric ssim")
+    dfdbench.refused(
+        "--figure-format cannot be given with --format csv", "report window=5 --format csv", *SVG
+    )
     bare = "run --dataset demo --method constant --no-predictions"
-    dfdbench.refused("no figures are drawn with --no-predictions", bare, *SVG)
+    dfdbench.refused("--figure-format cannot be given with --no-predictions", bare, *SVG)
 
 
 def test_a_table_that_cannot_be_written_is_called_by_its_name(dfdbench: Command) -> None:
@@ -100,7 +102,7 @@ def test_mistakes_are_told(dfdbench: Command) -> None:
         (f"report {result} --out page --protocol metric", "metric needs depth in metres"),
         (f"compare {result} copy.json --protocol thesys", "did you mean thesis"),
         ("leaderboard --folder nowhere", "no leaderboard"),
-        ("leaderboard --check --format csv", "--check prints no rankings"),
+        ("leaderboard --check --format csv", "--format cannot be given with --check"),
         ("leaderboard --dataset dmo", "did you mean demo"),
     ):
         dfdbench.refused(told, words)

@@ -113,7 +113,7 @@ def test_users_mistakes_end_with_status_2_search(dfdbench: Command, tiny_store: 
         (["--gamma=0.5"], "gamma"),
         (["--variant=autor", "--out=x"], "did you mean author"),
         (["--bounds=width=8-64"], "width=8:512"),
-        (["--as-thesis", "--hold-out=1"], "holds no scenes out"),
+        (["--as-thesis", "--hold-out=1"], "--hold-out cannot be given with --as-thesis"),
     ):
         dfdbench.refused(message, *search, "--out", str(FOLDER), *arguments)
     assert log.read_text() == before

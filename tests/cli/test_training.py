@@ -58,7 +58,7 @@ def test_users_mistakes_end_with_status_2(dfdbench: Command, tiny_store: Dataset
     store = ["--dataset", str(tiny_store.path)]
     for arguments, message in (
         (["--max-time", "30"], "as 90s, 30m or 1h30m"),
-        (["--fold", "K1", "--split", "train"], "give one of them"),
+        (["--fold", "K1", "--split", "train"], "--fold cannot be given with --split"),
         (["--weights", "none.safetensors"], "no such weights"),
         (["--out", "taken"], "not a folder"),
         (["--set", "nois=1"], "unknown choice"),
@@ -86,9 +86,8 @@ def test_train_on_a_data_set_then_run(dfdbench: Command, network: str, track: st
 def test_volume_net_names_all_choices_that_it_has_not(dfdbench: Command) -> None:
     weights = shipped.find_weights("dfd-net", "demo")
     for arguments, message in (
-        ("--fold K1 --device cpu", "volume-net has no such choice (--fold)"),
-        ("--fold K1 --device cpu", "volume-net has no such choice (--device)"),
-        ("--split train", "rendered rooms have no splits"),
+        ("--fold K1 --device cpu", "--fold and --device cannot be given with volume-net"),
+        ("--split train", "add --dataset, or leave out --split"),
         ("--set crop=64 --set steps=0", "no number of steps (--set steps)"),
         ("--set crop=64 --set steps=0", "volume-net has no such choice (--set crop)"),
         (f"--weights {weights}", "dfd-net instead of volume-net"),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dfdbench.datasets.captures import PAIR, ImageFacts
 from dfdbench.datasets.manifest import FOLDER, Manifest, Pair
-from dfdbench.errors import Problem, SourceError
+from dfdbench.errors import Problem, SourceError, refuse_both
 from dfdbench.system.packages import offered_as
 from dfdbench.tables.table import listed
 
@@ -215,21 +215,19 @@ def open_source(
 
     Raises
     ------
+    InputError
+        If the data set takes no folder or no voltage steps.
     SourceError
-        If the data set needs a folder, takes none, or cannot be built by this version.
+        If it needs a folder, or cannot be built by this version.
     """
-    if pair and manifest.reader != "realworld":
-        raise SourceError(f"{manifest.short} has no voltage steps", where="--pair")
+    refuse_both({manifest.short: manifest.reader != "realworld"}, {"--pair": pair})
     if manifest.reader not in _OURS:
         return _offered(manifest, folder)
     place, layout = _OURS[manifest.reader]
     module, _, name = place.partition(":")
     reader: Callable[..., Source] = getattr(import_module(f"{__name__}.{module}"), name)
     if is_made(manifest):
-        if folder:
-            raise SourceError(
-                f"{manifest.short} is rendered: it reads no folder", fix="leave out --source"
-            )
+        refuse_both({manifest.short: True}, {"--source": folder})
         return reader(manifest)
     if folder is None:
         layouts = manifest.files.patterns.values() if manifest.files else [layout]

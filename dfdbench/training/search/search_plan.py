@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.errors import InputError, Problem, StoreError, unknown_name
+from dfdbench.errors import InputError, Problem, StoreError, refuse_both, unknown_name
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.system.packages import PACKAGE_VERSION
 from dfdbench.tables.table import grouped
@@ -170,8 +170,7 @@ def plan_search(
     """
     if choices.variant not in pso.VARIANTS:
         raise unknown_name("variant", choices.variant, pso.VARIANTS)
-    if choices.as_thesis and choices.held_out:
-        raise InputError("--as-thesis holds no scenes out", where="--hold-out", fix="leave one out")
+    refuse_both({"--as-thesis": choices.as_thesis}, {"--hold-out": choices.held_out})
     _refuse_what_particles_choose(base, changes)
     task = task_of("dfd-net", store, base, choices.split)
     train = tuple(dict.fromkeys(pair.scene for pair in task.train))

@@ -11,7 +11,7 @@ from dfdbench.building.sources.realworld import PublishedScene, RawScene, Realwo
 from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
-from dfdbench.errors import SourceError
+from dfdbench.errors import InputError, SourceError
 from dfdbench.system.parallel import Threads
 from tests.conftest import make_published, read_rgb, store_of, write_png
 from tests.made_captures import manifest_with_few_steps, raw_scene
@@ -58,7 +58,7 @@ def test_another_pair_of_voltage_steps(published: Path) -> None:
             RealworldFolder(CAPTURED, published, wrong)
     with pytest.raises(SourceError, match="takes the sharpest"):
         open_source(find_manifest("realworld-synthetic"), published, pair=(141, 129))
-    with pytest.raises(SourceError, match="has no voltage steps"):
+    with pytest.raises(InputError, match="--pair cannot be given with demo"):
         open_source(find_manifest("demo"), pair=(141, 129))
 
 
