@@ -73,7 +73,6 @@ degradation = "clean"
 network_crop = 16
 scene_count = 3
 pair_count = 11
-default_lighting = { illumination = 1, exposure = 1 }
 sources = [{ name = "here", url = "https://example.org/tiny", licence = "no", citations = ["no"] }]
 folds = [{ name = "K1", test_scenes = ["One", "Two"] }, { name = "K2", test_scenes = ["Three"] }]
 
@@ -117,7 +116,7 @@ scenes = ["Two", "Three"]
 _BLOCKS = TINY_TOML.split("\n\n")
 TINY_DEFAULT_TOML = "\n\n".join(block for block in _BLOCKS if "[[exclusions]]" not in block)
 for _old, _new in {
-    "pair_count = 11\ndefault_lighting = { illumination = 1, exposure = 1 }": "pair_count = 6",
+    "pair_count = 11": "pair_count = 6",
     "view = [1, 5]\nillumination = [1]\nexposure = [0, 1]": "view = [1, 5]",
     'blocks = "exposure"\nrows = "illumination"': 'blocks = "view"',
     "pairs = 4": "pairs = 2",

@@ -303,7 +303,6 @@ class Manifest(StrictRecord):
     degradation: Annotated[str, Field(pattern=f"^{CLEAN}$")]
     network_crop: Count
     axes: dict[str, Annotated[list[int], Field(min_length=1)]]
-    default_lighting: dict[str, int] | None = None
     depth: Depth
     table: TableLayout
     scene_count: Count

@@ -74,14 +74,9 @@ def _check_axes(manifest: Manifest) -> Iterator[Finding]:
             f"and none of {others}"
         if len(set(values)) != len(values):
             yield f"axes.{axis}", f"a value is listed twice: {values}"
-    lighting = manifest.default_lighting or {}
     yield from _unknown("depth.axes", "axis", manifest.depth.axes, axes)
     yield from _unknown("table.blocks", "axis", [manifest.table.blocks], axes)
     yield from _unknown("table.rows", "axis", filter(None, [manifest.table.rows]), axes)
-    yield from _unknown("default_lighting", "axis", lighting, axes)
-    for axis, value in lighting.items():
-        if value not in axes.get(axis, [value]):
-            yield f"default_lighting.{axis}", f"no such value: {value}, only {axes[axis]}"
 
 
 def _check_exclusions(manifest: Manifest) -> Iterator[Finding]:

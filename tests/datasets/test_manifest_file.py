@@ -47,7 +47,6 @@ BROKEN: list[tuple[str, str, str, list[str]]] = [
     (TINY_TOML, 'name = "Two"\nsource', 'name = "One"\nsource', ["One is listed twice"]),
     (TINY_TOML, '"Two"\nsource = "here"', '"Two"\nsource = "hare"', ["scenes[1].source"]),
     (TINY_TOML, 'name = "Two"', 'name = "zarr.json"', ["named as a file of the store"]),
-    (TINY_TOML, "exposure = 1 }", "exposure = 7 }", ["default_lighting.exposure", "7"]),
     (TINY_TOML, "view = [1, 5]", "view = [1, 1]", ["listed twice: [1, 1]", "axes.view"]),
     (TINY_TOML, "[axes]", '[axes]\n"f_number" = [1]', ["'f_number' is no name for an axis"]),
     (TINY_TOML, 'axes = ["view"]', 'axes = ["veiw"]', ["depth.axes", "did you mean view"]),

@@ -122,15 +122,9 @@ class MiddleburyScenes:
         source_of = {scene.name: scene.source for scene in self._manifest.scenes}
         first = missing[0]
         address = f"{urls[source_of[first.scene]]}/{first.scene}/{image_name(first.at)}"
-        default = self._manifest.default_lighting and any(
-            pair.scene in self._scenes
-            and self._scenes[pair.scene].has(image_name({"view": pair.at["view"]}))
-            for pair in missing
-        )
-        hint = "; of SCENE/view1.png alone, which is there, consists the set middlebury-default"
         return (
-            f"fetch them into the same layout, the first from {address}"
-            f"{hint if default else ''}; --allow-missing accepts what is there"
+            f"fetch them into the same layout, the first from {address}; "
+            "--allow-missing accepts what is there"
         )
 
     def _names(self, scene: str) -> list[str]:
