@@ -67,17 +67,13 @@ class FolderScenes(Whole):
     ) -> None:
         assert manifest.files is not None  # reading the manifest checked that
         super().__init__(manifest)
+        self.captures_defocus = manifest.recipe is None
         self._files = manifest.files
         self._folder = manifest.files.folder_in(folder)
         self._checksums = checksums or {}
         self._endings: dict[str, dict[str, list[str]]] = {}
         self._names = {scene.name: scene.names for scene in manifest.scenes}
         SourceError.raise_if(self._patterns_that_match_nothing())
-
-    @property
-    def captures_defocus(self) -> bool:
-        """Whether the files hold defocus images; if not, the manifest's recipe makes them."""
-        return self._manifest.recipe is None
 
     def signature(self, scene: str) -> str:
         """Return the SHA-256 over the scene's files."""

@@ -191,34 +191,8 @@ def _damage(content: bytes) -> str:
     return ""
 
 
-def decode_rgb(content: bytes, where: str) -> Image:
+def decode_rgb(content: bytes, where: str, size: tuple[int, ...] | None = None) -> Image:
     """Decode an opaque 8-bit PNG as RGB, shape (y, x, 3); repeat a grey channel three times.
-
-    Raises
-    ------
-    SourceError
-        As in `decode_file`, and for other kinds of files and pixels.
-    """
-    if not content.startswith(b"\x89PNG"):
-        got = f"bytes {content[:8]!r}" if content else "an empty file"
-        raise SourceError("not a PNG file", where=where, got=got, fix="fetch it again")
-    image = decode_file(content, where)
-    if image.dtype != np.uint8 or (image.ndim == 3 and image.shape[2] != 3):
-        channels = 1 if image.ndim == 2 else image.shape[2]
-        got, expected = f"{image.dtype}, {channels} channels", "8-bit RGB or grey"
-        raise SourceError("wrong kind of pixels", where=where, expected=expected, got=got)
-    return _as_rgb(image)
-
-
-def _as_rgb(image: NDArray[Any]) -> NDArray[Any]:
-    """Convert an image from OpenCV, grey or with blue first, to RGB."""
-    if image.ndim == 2:
-        return np.repeat(image[..., np.newaxis], 3, axis=2)
-    return np.ascontiguousarray(image[..., 2::-1])
-
-
-def decode_image(content: bytes, where: str, size: tuple[int, ...] | None = None) -> Image:
-    """Decode an image as `decode_rgb` does; refuse a wrong size or an all-black image.
 
     Parameters
     ----------
@@ -232,7 +206,36 @@ def decode_image(content: bytes, where: str, size: tuple[int, ...] | None = None
     Raises
     ------
     SourceError
-        As in `decode_rgb`; if the size differs, or the image is all black.
+        As in `decode_file`, for other kinds of files and pixels, and if the size differs.
+    """
+    if not content.startswith(b"\x89PNG"):
+        got = f"bytes {content[:8]!r}" if content else "an empty file"
+        raise SourceError("not a PNG file", where=where, got=got, fix="fetch it again")
+    image = decode_file(content, where)
+    if image.dtype != np.uint8 or (image.ndim == 3 and image.shape[2] != 3):
+        channels = 1 if image.ndim == 2 else image.shape[2]
+        got, expected = f"{image.dtype}, {channels} channels", "8-bit RGB or grey"
+        raise SourceError("wrong kind of pixels", where=where, expected=expected, got=got)
+    require_size(image.shape, size or image.shape, where)
+    return _as_rgb(image)
+
+
+def _as_rgb(image: NDArray[Any]) -> NDArray[Any]:
+    """Convert an image from OpenCV, grey or with blue first, to RGB."""
+    if image.ndim == 2:
+        return np.repeat(image[..., np.newaxis], 3, axis=2)
+    return np.ascontiguousarray(image[..., 2::-1])
+
+
+def decode_image(content: bytes, where: str, size: tuple[int, ...] | None = None) -> Image:
+    """Decode an image as `decode_rgb` does; refuse an all-black image.
+
+    The parameters are those of `decode_rgb`.
+
+    Raises
+    ------
+    SourceError
+        As in `decode_rgb`, or if the image is all black.
 
     Examples
     --------
@@ -240,15 +243,15 @@ def decode_image(content: bytes, where: str, size: tuple[int, ...] | None = None
     >>> decode_image(content, "view1.png").shape
     (2, 3, 3)
     """
-    image = decode_rgb(content, where)
-    if size is not None:
-        require_size(image.shape, size, where)
+    image = decode_rgb(content, where, size)
     if not image.any():
         raise SourceError("the image is black all over", where=where, fix="fetch it again")
     return image
 
 
-def decode_levels(content: bytes, where: str, unknown: int) -> Image:
+def decode_levels(
+    content: bytes, where: str, unknown: int, size: tuple[int, ...] | None = None
+) -> Image:
     """Decode a grey image's depth levels, shape (y, x); `unknown` marks pixels without truth.
 
     Raises
@@ -256,7 +259,7 @@ def decode_levels(content: bytes, where: str, unknown: int) -> Image:
     SourceError
         As in `decode_rgb`; if the file is in colour or no pixel's depth is known.
     """
-    image = decode_rgb(content, where)
+    image = decode_rgb(content, where, size)
     if not (image == image[..., :1]).all():
         raise SourceError("a depth map in colour", where=where, fix="fetch it again")
     if (image[..., 0] == unknown).all():

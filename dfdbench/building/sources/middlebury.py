@@ -92,17 +92,14 @@ class MiddleburyScenes:
         problems: list[Problem] = []
         files, unknown = self._scenes[scene], self._manifest.depth.unknown
         read: dict[int, Levels] = {}
+        shape: tuple[int, ...] | None = None
         for view in self._manifest.axes["view"]:
             name = depth_name({"view": view})
             if files.has(name):
                 with gathered(problems):
                     content = self._content(scene, name)
-                    read[view] = decode_levels(content, files.where(name), unknown)
-        shape = next(iter(read.values())).shape if read else None
-        for view, depth in read.items():
-            if depth.shape != shape:
-                what = f"size {depth.shape} differs from the other view's, {shape}"
-                problems.append(Problem(what, where=files.where(depth_name({"view": view}))))
+                    read[view] = decode_levels(content, files.where(name), unknown, shape)
+                    shape = read[view].shape
         images: dict[Pair, Levels] = {}
         for pair in self._manifest.pairs(scene):
             name = image_name(pair.at)

@@ -252,8 +252,10 @@ class RealworldFolder:
             raise SourceError("section is missing", where=f"{manifest.stem}: capture")
         self._manifest = manifest
         self._capture = manifest.capture
-        self._synthetic = manifest.recipe is not None
+        self.captures_defocus = manifest.recipe is None
         self._steps = self._wanted_steps(pair)
+        asked = list(self._steps) if self.captures_defocus else "sharpest"
+        self.options: Mapping[str, Any] = {"pair": asked}
         found = {
             name: find_captured_scene(folder, name, self._capture) for name in manifest.scene_names
         }
@@ -262,16 +264,6 @@ class RealworldFolder:
             there = "a file" if folder.exists() else "no such folder"
             what = "no scene found, such as k33 with left/exp_30 and lidar"
             raise SourceError(what, where=str(folder), got="none" if folder.is_dir() else there)
-
-    @property
-    def options(self) -> Mapping[str, Any]:
-        """The voltage steps of a pair."""
-        return {"pair": "sharpest" if self._synthetic else list(self._steps)}
-
-    @property
-    def captures_defocus(self) -> bool:
-        """Whether the defocus image is a captured voltage step rather than computed."""
-        return not self._synthetic
 
     @property
     def problems(self) -> tuple[Problem, ...]:
@@ -305,14 +297,15 @@ class RealworldFolder:
         found: dict[Pair, NDArray[np.uint8]] = {}
         for exposure in self._checked[scene][0]:
             steps = self._steps
-            if self._synthetic:
+            if not self.captures_defocus:
                 # 3.2.5: find the sharpest in whole frames first, then crop.
                 steps = (steps[sharpest([files.frame(exposure, step) for step in steps])],)
             images = np.stack([files.image(exposure, step) for step in steps])
             found[Pair(scene, (("exposure_ms", exposure),))] = images
         laid, available = laid_out(self._manifest, found)
-        depth = in_direction_of(levels, valid, self._manifest.depth, whole=self._synthetic)
-        defocus = None if self._synthetic else laid[:, -1]
+        whole = not self.captures_defocus
+        depth = in_direction_of(levels, valid, self._manifest.depth, whole)
+        defocus = laid[:, -1] if self.captures_defocus else None
         return SceneImages.of_pairs(laid[:, 0], depth, valid, available, defocus)
 
     def missing_help(self, missing: tuple[Pair, ...]) -> str:
@@ -348,7 +341,7 @@ class RealworldFolder:
 
     def _wanted_steps(self, pair: tuple[int, int] | None) -> tuple[int, ...]:
         known = self._capture.voltage_step
-        if self._synthetic:
+        if not self.captures_defocus:
             if pair:
                 what = f"{self._manifest.short} takes the sharpest voltage step"
                 raise SourceError(what, where="--pair", fix="leave out --pair, or build realworld")

@@ -62,11 +62,8 @@ class SimulatedRig:
         self._capture = manifest.capture
         height, width = self._capture.frame_size
         self._rig = CaptureRig(frame_size=(height, width), crop_size=self._capture.crop_size)
-
-    @property
-    def options(self) -> Mapping[str, Any]:
-        """The voltage steps of a pair."""
-        return {"pair": [self._capture.infocus_step, self._capture.defocus_step]}
+        self._steps = [self._capture.infocus_step, self._capture.defocus_step]
+        self.options: Mapping[str, Any] = {"pair": self._steps}
 
     def available_pairs(self) -> tuple[Pair, ...]:
         """Return the pairs of the scenes that could be registered.
@@ -99,8 +96,7 @@ class SimulatedRig:
             raise SourceError.of(problems[scene])
         simulated = self._scene(scene)
         view = simulated.look()
-        steps = (self._capture.infocus_step, self._capture.defocus_step)
-        whole = [self._frames(simulated, view, step) for step in steps]
+        whole = [self._frames(simulated, view, step) for step in self._steps]
         infocus, blurred = (np.array([*map(self._rig.crop, frames)], np.uint8) for frames in whole)
         size = (self._capture.crop_size,) * 2
         seen = lidar.depth_image(self._ranges(simulated), lidar.read_beams())
