@@ -205,11 +205,7 @@ class LazyGroup(TyperGroup):
 
 
 app = Typer(
-    cls=LazyGroup,
-    help="Build depth-from-defocus data sets, run methods on them, and compare.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
+    cls=LazyGroup, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None
 )
 
 

@@ -346,6 +346,4 @@ def _place(out: str | None, store: Dataset, what: str, name: str) -> Path:
 def _compared(record: cover.CoverageRecord) -> str:
     test = record.test
     name = test.split if test.dataset == record.train.dataset else f"{test.dataset}-{test.split}"
-    if not record.train.split.startswith("all but"):
-        return f"{record.train.split}-{name}"
-    return name
+    return name if record.train.split.startswith("all but") else f"{record.train.split}-{name}"

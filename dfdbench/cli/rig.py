@@ -95,8 +95,7 @@ def sharpness(
     warming = found.get("temperature", ())
     if warming:
         rows = tuple(
-            (f"{m.temperature:.2f}", *(f"{v:.4f}" for v in (m.sharpness, m.background)))
-            for m in warming
+            (f"{m.temperature:.2f}", f"{m.sharpness:.4f}", f"{m.background:.4f}") for m in warming
         )
         columns = ("temperature (°C)", "image", "background")
         save_figure(camera.temperature_figure(warming), out / "temperature.png")
