@@ -12,7 +12,7 @@ from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest import Manifest
 from dfdbench.errors import InputError, MethodError, unknown_name
 from dfdbench.methods.networks.inference import find_device
-from dfdbench.methods.networks.weights import Card, load_weights, weights_sha256
+from dfdbench.methods.networks.weights import Card, described, load_weights
 from dfdbench.metrics.metric import METRICS
 from dfdbench.results.wording import score_text
 from dfdbench.system.parallel import Shown
@@ -242,12 +242,11 @@ def run_trials(
 
 
 def _is_of(card: Card, task: Task, device: str) -> bool:
-    begun = f"SHA-256 {weights_sha256(task.start)[:16]}" if task.start else ""
+    begun = described(task.start, load_weights(task.start, task.method)[1]) if task.start else ""
     chosen = TrainingConfiguration.model_validate(card.configuration)
     same = chosen == settled(task.configuration, find_device(device))
-    facts = (task.store.fingerprint, task.trained_on, task.seed)
-    same = same and facts == (card.fingerprint, card.trained_on, card.seed)
-    return same and begun in card.started_from and bool(begun) == bool(card.started_from)
+    facts = (task.store.fingerprint, task.trained_on, task.seed, begun)
+    return same and facts == (card.fingerprint, card.trained_on, card.seed, card.started_from)
 
 
 def experiment_table(

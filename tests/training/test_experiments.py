@@ -106,6 +106,9 @@ def test_trainings_are_known_again_by_their_weights(tiny_store: Dataset, tmp_pat
     begun = run_trial(second, None, "cpu")
     assert begun.started_from
     assert run_trial(second, None, "cpu") == begun
-    for other in (one("second", None), one("first", weights)):
+    # A training that began later in the line is not one that began with the first weights.
+    third = one("third", second.folder / "weights.safetensors")
+    run_trial(third, None, "cpu")
+    for other in (one("second", None), one("first", weights), one("third", weights)):
         with pytest.raises(InputError, match="another training"):
             run_trial(other, None, "cpu")
