@@ -38,6 +38,8 @@ _MULTIPLE = 8
 # Table D.2's numbering of the iterative rows, inferred from its widths; the ensemble's is as
 # listed.
 _ITERATIVE: tuple[counting.Statistic, ...] = ("min", "max", "mean")
+#: What a configuration says of a network's layers besides their widths.
+_OF_LAYERS = ("sampling_size", "first_activation", "kernels", "activations", "normalized")
 #: The row to which all others are compared: the network that was counted, unchanged.
 BASELINE = "original"
 
@@ -133,11 +135,8 @@ def reduce_weights(
     found = ensemble_rows(clusters) if level is None else iterative_rows(clusters, level, base)
     rows = {BASELINE: base, **found, **(rounded(found, rounding) if rounding else {})}
     # Keep everything else of the network: a row has the same layers, only narrower ones.
-    kept = {
-        name: value
-        for name, value in card.architecture.items()
-        if name in TrainingConfiguration.model_fields and name != "filters"
-    }
+    fields = TrainingConfiguration.model_fields
+    kept = {name: card.architecture.get(name, fields[name].default) for name in _OF_LAYERS}
     same = configuration.model_copy(update=kept)
     what = f"{weights.stem}, {card.trained_on}"
     counted = f"counted on {store.manifest.stem}, split {split}, one pair a scene"

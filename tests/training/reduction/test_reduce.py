@@ -55,13 +55,15 @@ def test_layers_stay_as_they_are_and_rounding_adds_rows(
     architecture = {"filters": list(SMALL), "sampling_size": 3, "first_activation": "sigmoid"}
     path = tmp_path / "w.safetensors"
     save_weights(path, build_network("dfd-net", architecture), card(architecture=architecture))
-    usual = TrainingConfiguration()
-    found = reduce.reduce_weights(path, tiny_store, usual, level=2, rounding="L", split="train")
+    # Layers are the network's, not those of the configuration that says how to train.
+    other = TrainingConfiguration(kernels=[5] * 14, activations=["relu"] * 9, normalized=False)
+    found = reduce.reduce_weights(path, tiny_store, other, level=2, rounding="L", split="train")
     names = [f"F2-0{n}-0{m}{end}" for end in ("", "L") for n in (1, 2, 3) for m in (1, 2)]
     assert list(found.rows)[1:] == names
     for text in found.files.values():
         assert "sampling_size = 3\n" in text
         assert 'first_activation = "sigmoid"\n' in text
+        assert not any(name in text for name in ("kernels", "activations", "normalized"))
 
 
 BOARD = Path(__file__).parents[3] / "leaderboard"
