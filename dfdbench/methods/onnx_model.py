@@ -50,9 +50,9 @@ class Description(StrictRecord):
     `largest`, then `mean` is subtracted and the rest divided by `std`. Images are padded by
     reflection, at the bottom and on the right, to multiples of `multiple`.
 
-    The outputs `depth` and, if there is one, `sigma` hold one number per pixel. Depth in `unit` is
-    ``scale * output + offset`` or, with `inverse`, one over that. With `clip`, levels are clipped
-    to 0 and 255.
+    The outputs `depth` and, if there is one, `sigma` hold one number per pixel, rows and columns in
+    the order of `layout`. Depth in `unit` is ``scale * output + offset`` or, with `inverse`, one
+    over that. With `clip`, levels are clipped to 0 and 255.
     """
 
     infocus: Name | None = None
@@ -222,7 +222,7 @@ class _Network:
         names = [about.depth, *filter(None, [about.sigma])]
         padded = tuple(length + -length % about.multiple for length in size)
         maps = [
-            _one_a_pixel(values, name, padded)[: size[0], : size[1]]
+            self._one_a_pixel(values, name, padded)[: size[0], : size[1]]
             for name, values in zip(names, self._session.run(names, given), strict=True)
         ]
         depth = about.scale * maps[0] + about.offset
@@ -234,6 +234,18 @@ class _Network:
         if about.clip and about.unit == "levels":
             depth = np.clip(depth, 0, 255)
         return (depth, maps[1] * change) if about.sigma else depth
+
+    def _one_a_pixel(self, values: Any, name: str, size: tuple[int, ...]) -> NDArray[np.float64]:
+        array, layout = np.asarray(values), self._about.layout
+        turned = layout.index("W") < layout.index("H")
+        sides = size[::-1] if turned else size
+        # All pixels may be in one axis; in two, those of another order would be scrambled.
+        long = [length for length in array.shape if length > 1]
+        if array.size != math.prod(size) or (len(long) > 1 and long != [*sides]):
+            expected = f"one number for each of {size[0]} x {size[1]} pixels, in the order {layout}"
+            raise MethodError(f"wrong output {name}", expected=expected, got=f"shape {array.shape}")
+        found = array.reshape(sides).astype(np.float64)
+        return found.T if turned else found
 
     def _arranged(self, name: str, images: Image) -> NDArray[Any]:
         """Return images, shape (image, y, x, 3), in the form that the named input takes."""
@@ -289,11 +301,3 @@ class OnnxStackMethod(_Network):
             shape = (*(1 for _ in node.shape[1:]), -1)
             given[node.name] = distances.reshape(shape).astype(_NUMBERS[node.type])
         return self._depth(given, images.shape[1:3])
-
-
-def _one_a_pixel(values: Any, name: str, size: tuple[int, ...]) -> NDArray[np.float64]:
-    array = np.asarray(values)
-    if array.size != math.prod(size):
-        expected = f"one number for each of {size[0]} x {size[1]} pixels"
-        raise MethodError(f"wrong output {name}", expected=expected, got=f"shape {array.shape}")
-    return array.reshape(size).astype(np.float64)

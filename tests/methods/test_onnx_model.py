@@ -236,6 +236,16 @@ def test_an_answer_that_is_no_depth_map_and_parameters_are_refused(tmp_path: Pat
         load_method(name, {"window": 3}, {})
 
 
+def test_a_map_comes_in_the_order_of_the_layout(tmp_path: Path) -> None:
+    shape, about = (1, 3, 9, 8), PAIR + 'layout = "NCWH"\n'
+    name = written(tmp_path / "net.onnx", lambda a, b: (a + b).mean(1) / 2, about, shape, shape)
+    expected = (SHARP.astype(float) + BLURRED).mean(2) / 2
+    np.testing.assert_allclose(load_method(name, {}, {})(SHARP, BLURRED), expected, rtol=1e-5)
+    written(tmp_path / "net.onnx", lambda a, b: (a + b).mean(1).transpose(1, 2), PAIR, shape, shape)
+    with pytest.raises(MethodError, match="wrong output out"):
+        load_method(name, {}, {})(SHARP, BLURRED)
+
+
 def test_it_computes_on_one_thread_so_that_rounding_depends_on_no_number(
     mean: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
