@@ -30,8 +30,9 @@ _NUMBERS: dict[str, type[np.generic]] = {
     "tensor(float16)": np.float16,
     "tensor(uint8)": np.uint8,
 }
-# How protobuf writes that weights are in another file, which results would not record.
-_ELSEWHERE = b"\x0a\x08location\x12"
+# How protobuf writes that weights are in another file, which results would not record: in field 13
+# of a tensor. A model's own notes, in other fields, may have a location too.
+_ELSEWHERE = re.compile(rb"\x6a(?:[\0-\x7f]|[\x80-\xff][\x01-\x7f])\n\x08location\x12")
 _PARTS = re.compile(r"\([A-Z]+\)|[A-Z]")
 
 _INPUTS = "name the inputs infocus and defocus, or stack"
@@ -128,7 +129,7 @@ def read_model(path: Path) -> "OnnxMethod | OnnxStackMethod":
     """
     content = read_as(MethodError, path, "the model", _LARGEST)
     about = _read_description(path.with_suffix(".toml"))
-    if _ELSEWHERE in content:
+    if _ELSEWHERE.search(content):
         fix = "save it whole: onnx.save(onnx.load('MODEL.onnx'), 'WHOLE.onnx')"
         raise MethodError("the model keeps weights in another file", where=str(path), fix=fix)
     options = onnxruntime.SessionOptions()

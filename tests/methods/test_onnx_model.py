@@ -13,6 +13,7 @@ import xarray
 pytest.importorskip("onnxruntime", reason="needs the extra onnx")
 pytest.importorskip("torch", reason="needs the extra nets")
 
+import onnx
 import onnxruntime
 import torch
 from torch import nn
@@ -199,12 +200,15 @@ def test_all_that_does_not_fit_is_told_together(mean: str) -> None:
 def test_damaged_files_are_named(mean: str) -> None:
     model, about = Path(mean), Path(mean).with_suffix(".toml")
     whole, described = model.read_bytes(), about.read_bytes()
+    loaded = onnx.load(model)
+    loaded.graph.initializer.add(name="more").external_data.add(key="location", value="w.bin")
+    elsewhere = loaded.SerializeToString()
     for damaged, description, says in (
         (None, described, "cannot read the model"),
         (whole[:-60], described, "cannot load the model"),
         # An operator that nobody has.
         (whole.replace(b"ReduceM", b"MyOwnOp"), described, "MyOwnOpean"),
-        (whole + b"\x0a\x08location\x12", described, "weights in another file"),
+        (elsewhere, described, "weights in another file"),
         (whole, None, "has no description"),
         (whole, b"\xff", "cannot read the model's description"),
     ):
@@ -215,6 +219,13 @@ def test_damaged_files_are_named(mean: str) -> None:
         (told,) = problems(mean)
         assert says in told
         assert str(model.parent) in told
+
+
+def test_a_model_may_say_where_it_was_made(mean: str) -> None:
+    model = onnx.load(mean)
+    model.metadata_props.add(key="location", value="a workshop")
+    onnx.save(model, mean)
+    assert load_method(mean, {}, {})(SHARP, BLURRED).shape == SHARP.shape[:2]
 
 
 def test_a_model_of_one_size_says_so_of_another(tmp_path: Path) -> None:
