@@ -33,6 +33,8 @@ _NUMBERS: dict[str, type[np.generic]] = {
 # How protobuf writes that weights are in another file, which results would not record: in field 13
 # of a tensor. A model's own notes, in other fields, may have a location too.
 _ELSEWHERE = re.compile(rb"\x6a(?:[\0-\x7f]|[\x80-\xff][\x01-\x7f])\n\x08location\x12")
+# Where in onnxruntime's sources something failed; what failed comes after it.
+_IN_SOURCES = re.compile(r"/onnxruntime_src/.*?\) ")
 _PARTS = re.compile(r"\([A-Z]+\)|[A-Z]")
 
 _INPUTS = "name the inputs infocus and defocus, or stack"
@@ -139,8 +141,8 @@ def read_model(path: Path) -> "OnnxMethod | OnnxStackMethod":
     try:
         session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # a dozen kinds, with no other base class in common
-        got = str(error).partition("\n")[0][:300]
-        fix = "copy it again, or export it with standard operators"
+        got = _IN_SOURCES.sub("", str(error).partition("\n")[0])[:300]
+        fix = "copy it again, export it with standard operators, or update onnxruntime"
         what = "onnxruntime cannot load the model"
         raise MethodError(what, where=str(path), got=got, fix=fix) from error
     MethodError.raise_if(_misfits(session, about, path))

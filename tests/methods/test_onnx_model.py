@@ -201,6 +201,8 @@ def test_damaged_files_are_named(mean: str) -> None:
     model, about = Path(mean), Path(mean).with_suffix(".toml")
     whole, described = model.read_bytes(), about.read_bytes()
     loaded = onnx.load(model)
+    loaded.ir_version = 99
+    newer = loaded.SerializeToString()
     loaded.graph.initializer.add(name="more").external_data.add(key="location", value="w.bin")
     elsewhere = loaded.SerializeToString()
     for damaged, description, says in (
@@ -209,6 +211,7 @@ def test_damaged_files_are_named(mean: str) -> None:
         # An operator that nobody has.
         (whole.replace(b"ReduceM", b"MyOwnOp"), described, "MyOwnOpean"),
         (elsewhere, described, "weights in another file"),
+        (newer, described, "Unsupported model IR version: 99"),
         (whole, None, "has no description"),
         (whole, b"\xff", "cannot read the model's description"),
     ):
