@@ -69,6 +69,7 @@ def train_command(
         others = {"--config": config != "published", "--device": device != "auto"}
         refuse_both({method: True}, {"--fold": fold, **others})
         what, make = _on_cameras(method, dataset, split, start, seed, changed, cache)
+        tested = {"dataset": dataset or _UNSEEN[method], "split": None}
         default = Path("training") / what / (method + seeded)
     else:
         refuse_both({"--split": split}, {"--fold": fold})
@@ -76,6 +77,7 @@ def train_command(
         store = open_dataset(dataset, cache=cache)
         settings = configuration.read_configuration(config, changed)
         asked = task.task_of(method, store, settings, split or "train", fold, seed, start)
+        tested = {"dataset": dataset, "split": asked.tested_on or None}
         trained = f"all-but-{fold}" if fold else split or "train"
         name = f"{method}-{Path(config).stem}{seeded}"
         default = Path("training") / f"{store.path.stem}-{trained}" / name
@@ -88,7 +90,7 @@ def train_command(
     tables = [card_table(outcome.card), *_keep_figures(folder, learner, outcome)]
     show(format, tables, weights=outcome.weights, card=outcome.card.model_dump())
     param = f"weights={outcome.weights}"
-    _tell(outcome, command("run", method=method, dataset=dataset, param=param, cache=cache))
+    _tell(outcome, command("run", method=method, **tested, param=param, cache=cache))
 
 
 def _on_patches(task: Task, device: str, _: Path) -> Trainee:
@@ -224,6 +226,8 @@ def _folder(place: str | Path, start: Path | None, resume: bool, fresh: bool) ->
     return training
 
 
+#: Rooms for a network that was trained on others.
+_UNSEEN = {"stack-net": "unseen-stack-7", "volume-net": "unseen-7"}
 RESUMED = "--resume goes on from the last checkpoint, at most a minute back"
 #: More than any machine has; a library that is asked for millions of them is killed.
 MOST_THREADS = 1024

@@ -2,6 +2,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from dfdbench.cli import training
@@ -81,6 +82,23 @@ def test_train_on_a_data_set_then_run(dfdbench: Command, network: str, track: st
     assert "ended by its number of steps" in done.out
     weights = f"weights={folder / 'weights.safetensors'}"
     dfdbench.fine(f"run --method {network} --dataset demo{track} --limit 1 --param", weights)
+
+
+@pytest.mark.slow
+def test_the_next_command_is_one_that_tests_what_was_trained(
+    dfdbench: Command, tiny_store: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from dfdbench.training import stacks
+
+    store = ["--dataset", str(tiny_store.path)]
+    told = dfdbench.fine("train dfd-net --fold K1", *store, *QUICK).err
+    assert f"next         dfdbench run --method dfd-net --dataset {store[1]} --split K1 " in told
+    images = np.random.default_rng(0).integers(1, 255, (3, 32, 32, 3), np.uint8)
+    room = stacks.Stack(images, np.float32([1, 2, 3]), np.full((32, 32), 2, np.float32))
+    course = replace(stacks.STACK_NET, of_rooms=lambda *_: {"room": [room]})
+    monkeypatch.setattr(stacks, "STACK_NET", course)
+    told = dfdbench.fine("train stack-net --set steps=1 --threads 1").err
+    assert "next         dfdbench run --method stack-net --dataset unseen-stack-7 --param" in told
 
 
 def test_volume_net_names_all_choices_that_it_has_not(dfdbench: Command) -> None:
