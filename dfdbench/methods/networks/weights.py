@@ -130,11 +130,10 @@ def find_weights(method: str, weights: str | Path | None) -> Path:
         for name, path in shipped_weights().items()
         if name.endswith(f"-{method}")
     }
-    example = next(iter(shipped), "FILE")
-    fix = (
-        f"shipped weights: {', '.join(shipped) or 'none'} (--param weights={example}); "
-        f"dfdbench train {method} makes others"
-    )
+    # Who names some knows how: --weights of some commands, --param of others.
+    how = f" (--param weights={next(iter(shipped), 'FILE')})" if weights is None else ""
+    known = ", ".join(shipped) or "none"
+    fix = f"shipped weights: {known}{how}; dfdbench train {method} makes others"
     if weights is None:
         raise MethodError(f"{method} needs weights", where="parameter weights", fix=fix)
     where, got = str(weights), "nothing of that name"
