@@ -21,7 +21,7 @@ from dfdbench.board.tables import lighting_table, runs_table, standings_table
 from dfdbench.figures import comparisons, style, sureness
 from dfdbench.figures.runs import group_figures, panel_figure
 from dfdbench.metrics.metric import find_metric
-from dfdbench.metrics.protocol import ranked_by, require_scored
+from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored
 from dfdbench.results.record import SCORED, PairResult
 from dfdbench.results.run_tables import all_tables, region_table
 from dfdbench.results.saved_run import SavedRun
@@ -136,15 +136,13 @@ def _section_of(
 
 
 def _sentence(members: Sequence[SavedRun], protocol: str, where: str) -> str:
-    scored = [run for run in members if run.result.averages]
+    # A complete run has no mean either if it leaves pixels out.
+    first = ranked_by(protocol)[0]
+    scored = [run for run in members if run.result.mean(protocol, first) is not None]
     if not scored:
-        return f"{where}: no run is complete."
-    best = scored[0].result.averages or {}
-    parts = [
-        f"{find_metric(name).title} {score_text(value)}"
-        for name, value in best[protocol].items()
-        if value
-    ]
+        return f"{where}: no run has a mean {find_metric(first).title}."
+    means = ((name, scored[0].result.mean(protocol, name)) for name in metrics_of(protocol))
+    parts = [f"{find_metric(name).title} {score_text(n)}" for name, n in means if n is not None]
     lead = "" if len(scored) == 1 else f"best of {len(scored)}: "
     return f"{where}: {lead}{scored[0].label}, {', '.join(parts)}."
 

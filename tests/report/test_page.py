@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from dfdbench.errors import UnknownNameError
 from dfdbench.report import page
-from dfdbench.results.record import Result
+from dfdbench.results.record import Result, average
 from dfdbench.results.saved_run import SavedRun
-from tests.made_results import limited, make_result, saved
+from tests.made_results import edited, limited, make_result, saved
 from tests.report.conftest import HOSTILE
 from tests.system.test_thumbnails import decoded
 
@@ -32,6 +32,18 @@ def test_runs_of_one_data_set_are_one_section_best_first(tmp_path: Path) -> None
     assert content.title == "Depth from defocus: 2 methods"
     assert "best of 2: better, NRMSE 0.2333" in content.summary[0]
     assert content.missing == ("better: no depth maps", "worse: no depth maps")
+
+
+def test_the_first_sentence_names_the_best_of_the_runs_that_have_a_mean(tmp_path: Path) -> None:
+    perfect = make_result(dict.fromkeys(PAIRS, 0.0), "perfect")
+    none = dict.fromkeys(("nrmse", "nmae", "ssim"))
+    gaps = edited(make_result(PAIRS, "gaps"), pairs={"answered": 0.5, "scores": {"thesis": none}})
+    gaps = edited(gaps, averages=average(gaps.pairs, ["thesis"]))
+    where = "tiny-1, split test, protocol thesis"
+    (told,) = gathered(tmp_path, gaps, perfect).summary
+    assert told == f"{where}: perfect, NRMSE 0.0000, NMAE 0.0000, SSIM 1.0000."
+    (told,) = gathered(tmp_path, gaps, limited(perfect, 1)).summary
+    assert told == f"{where}: no run has a mean NRMSE."
 
 
 def test_other_data_are_another_section(tmp_path: Path) -> None:
