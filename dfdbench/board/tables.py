@@ -35,7 +35,8 @@ def standings_table(board: ScoreBoard, folder: Path) -> Table:
     """Return the ranking: by NRMSE, then NMAE, as in the thesis; in metres by AbsRel."""
     metrics = [find_metric(name) for name in metrics_of(board.protocol) if name != board.metric]
     # Rows that nobody could run have no second table to link to their files.
-    scored = f": {record.SCORED}" if board.result.method.scored else ""
+    alone = all(standing.entry.result.method.scored for standing in board.standings)
+    scored = f": {record.SCORED}" if alone else ""
     columns = (
         *("", "method", "given", find_metric(board.metric).heading, interval_name(board.groups)),
         *(metric.heading for metric in metrics),

@@ -80,8 +80,8 @@ class Content:
     missing: tuple[str, ...]
 
 
-def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
-    """Gather the content of a report on at least one run.
+def gather(runs: Sequence[SavedRun], protocol: str, folder: Path) -> Content:
+    """Gather the content of a report on at least one run; links are relative to its folder.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def gather(runs: Sequence[SavedRun], protocol: str) -> Content:
         paths = [standing.entry.path for standing in board.standings]
         members = sorted((r for r in runs if r.path in paths), key=lambda r: paths.index(r.path))
         summaries = [(run, summarise(run.result, protocol)) for run in members]
-        sections.append(_section_of(board, summaries, runs[0].path.parent))
+        sections.append(_section_of(board, summaries, folder))
         sentences.append(_sentence(members, protocol, sections[-1].heading))
         shown += summaries
     labels = list(dict.fromkeys(run.label for run, _ in shown))
@@ -197,7 +197,7 @@ def write_html(
     # Before the drawing, which takes a while.
     folder.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(ink()):
-        content = gather(runs, protocol)
+        content = gather(runs, protocol, folder)
         write_plots(content, folder, also)
         plots = [
             [
@@ -341,7 +341,7 @@ def write_markdown(
     `also` names further formats of the plots, "pdf" and "svg".
     """
     folder.mkdir(parents=True, exist_ok=True)
-    content = gather(runs, protocol)
+    content = gather(runs, protocol, folder)
     plots = write_plots(content, folder, ("png", *also))
     text = _TEMPLATES.get_template("report.md.jinja").render(
         content=content, plots=plots, panels=_panels(content, folder)

@@ -82,6 +82,9 @@ def test_depth_maps_made_elsewhere_are_one_table_with_links() -> None:
     assert table.title.endswith("protocol valid: scored, not run")
     assert table.rows[0][:4] == ("–", "theirs (scored, not run)", "not known", "0.0100")
     assert getattr(table.rows[0][1], "target", "") == HERE.name
+    both = [entry_of(scored("theirs", 0.01), HERE), entry_of(make_demo_result(lambda _: 0.02), HERE)]
+    (board,) = ranking.boards(both)
+    assert tables.ranking_table(board, HERE.parent).title.endswith("protocol valid")
 
 
 def tracked(folder: Path, *rows: tuple[str, dict[str, Any]]) -> ranking.ScoreBoard:

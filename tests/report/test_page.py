@@ -20,7 +20,7 @@ PAIRS = {("k00", 1, 1, 0): 0.4, ("k00", 1, 1, 1): 0.2, ("k01", 1, 1, 0): 0.1}
 
 
 def gathered(folder: Path, *results: Result, protocol: str = "thesis") -> page.Content:
-    return page.gather(saved(folder, *results), protocol)
+    return page.gather(saved(folder, *results), protocol, folder)
 
 
 def test_runs_of_one_data_set_are_one_section_best_first(tmp_path: Path) -> None:
@@ -44,6 +44,13 @@ def test_the_first_sentence_names_the_best_of_the_runs_that_have_a_mean(tmp_path
     assert told == f"{where}: perfect, NRMSE 0.0000, NMAE 0.0000, SSIM 1.0000."
     (told,) = gathered(tmp_path, gaps, limited(perfect, 1)).summary
     assert told == f"{where}: no run has a mean NRMSE."
+
+
+def test_links_to_scored_depth_maps_lead_there_from_the_report(tmp_path: Path) -> None:
+    theirs = edited(make_result(PAIRS, "theirs"), method={"scored": "levels"})
+    runs = saved(tmp_path, theirs)
+    text = page.write_markdown(runs, "thesis", tmp_path / "report").read_text("utf-8")
+    assert "[theirs (scored, not run)](../0.json)" in text
 
 
 def test_other_data_are_another_section(tmp_path: Path) -> None:
