@@ -29,8 +29,8 @@ _MARKDOWN |= {ord("&"): "&amp;", ord("<"): "&lt;", ord(">"): "&gt;"}
 # What starts a block at the beginning of a line: a heading, a list, an admonition, a rule.
 _BLOCK = re.compile(r"[#+\-=!:]|\d+[.)](\s|$)")
 _LATEX = {mark: f"\\{mark}" for mark in "{}$&#%_"} | {mark: f"${mark}$" for mark in "<>|"}
-_COMMANDS = ["times", "pm", "le", "ge", "delta", "downarrow", "uparrow"]
-_LATEX |= dict(zip("×±≤≥δ↓↑", [rf"$\{command}$" for command in _COMMANDS], strict=True))
+_COMMANDS = ["times", "pm", "le", "ge", "delta", "downarrow", "uparrow", "to"]
+_LATEX |= dict(zip("×±≤≥δ↓↑→", [rf"$\{command}$" for command in _COMMANDS], strict=True))
 _LATEX |= dict(
     zip('[]"–—−‘’“”', ["{[}", "{]}", "''", "--", "---", "$-$", "`", "'", "``", "''"], strict=True)
 )

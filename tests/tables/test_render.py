@@ -129,6 +129,7 @@ def test_minus_signs_and_foreign_letters() -> None:
         ("-0.5 (-0.1 to +0.2)", "$-$0.5 ($-$0.1 to +0.2)"),
         ("demo-1, 2005-2006, 1e-3", "demo-1, 2005-2006, 1e-3"),
         ("δ < 1.25², 1.25³", r"$\delta$ $<$ 1.25$^2$, 1.25$^3$"),
+        ("in 90 % intervals → 0.9", r"in 90 \% intervals $\to$ 0.9"),
         ("é ß ą 🐟", "é ß {[}U+0105{]} {[}U+1F41F{]}"),
     ):
         assert render.latex_text(text) == shown
