@@ -110,7 +110,8 @@ def grown_from_focus(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
     If the data say little about a level's width, mostly beside jumps in depth, a curve may turn
     back to the widths of other levels. To find where, we compare it with curves that start at one
     level and never fall to either side, and take the one that is closest over all pixels. An end
-    that has turned back by a tenth or more continues from there along the slope it had before.
+    that has turned back by a tenth or more continues from there along the slope it had before. If
+    more levels turned back than had grown, it stays as it is: that is noise near the focus.
 
     Parameters
     ----------
@@ -131,8 +132,9 @@ def grown_from_focus(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
     best, found = grown[focus], np.asarray(sigmas, np.float64).copy()
     # Each side is a view from the focus to one end.
     for side, held in ((found[focus:], best[focus:]), (found[focus::-1], best[focus::-1])):
-        if held[-1] > _TURNED_BACK * side[-1]:
-            turn = int((held == held[-1]).argmax())
+        turn = int((held == held[-1]).argmax())
+        back = held[-1] > _TURNED_BACK * side[turn:]
+        if back[-1] and back.sum() <= turn:
             start = max(turn - _STRAIGHT, 0)
             slope = (side[turn] - side[start]) / max(turn - start, 1)
             straight = side[turn] + slope * np.arange(len(side) - turn)

@@ -66,6 +66,14 @@ def test_a_curve_turns_back_only_where_few_pixels_tell_and_a_lens_could_not() ->
     assert_allclose(width_curve.grown_from_focus(wavy, few), wavy)
 
 
+def test_noise_near_a_focus_at_the_far_end_does_not_make_that_end_grow() -> None:
+    # Few pixels are so far; before them noise bends the curve up and down again.
+    curve = np.maximum(0.42, 0.42 + 0.006 * (LEVEL - 56))
+    curve += 0.1 * np.exp(-np.square((LEVEL - 45) / 6))
+    pixels = np.where(LEVEL < 40, 100, 1000)
+    assert_allclose(width_curve.grown_from_focus(curve, pixels), curve)
+
+
 def bowls(widths: NDArray[Any]) -> NDArray[np.float64]:
     """Squared differences of 1,000 pixels a level: least at a width, and rounding's there."""
     away = width_curve.LADDER[np.newaxis, :] - widths[:, np.newaxis]
