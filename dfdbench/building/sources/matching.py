@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dfdbench.blur.light import decode
 from dfdbench.datasets.captured_files import Align
 from dfdbench.errors import InputError
 from dfdbench.methods.view_change import Images, ViewChange, find_change, resampled
@@ -227,10 +228,7 @@ def find_gain(infocus: NDArray[np.float64], defocus: NDArray[np.float64], where:
     InputError
         If there is no such pixel, or one image is more than four times as bright.
     """
-    smooth = [cv2.GaussianBlur(image, (0, 0), _SMOOTHING) for image in (infocus, defocus)]
-    seen = where.copy()
-    for image in smooth:
-        seen &= ((image > _DARK) & (image < _BRIGHT)).all(axis=2)
+    seen = _seen(infocus, defocus, where)
     sums = [float(image[seen].sum()) for image in (infocus, defocus)]
     gain = round(sums[0] / sums[1], 4) if sums[1] else 0.0
     if not 1 / _LARGEST_GAIN <= gain <= _LARGEST_GAIN:
@@ -240,6 +238,26 @@ def find_gain(infocus: NDArray[np.float64], defocus: NDArray[np.float64], where:
         what = f"the images of the pair differ too much in brightness: {got}"
         raise InputError(what, fix="leave the scene out, or set match_gain = false")
     return gain
+
+
+def _seen(infocus: NDArray[np.float64], defocus: NDArray[np.float64], where: Mask) -> Mask:
+    seen = where.copy()
+    for image in (infocus, defocus):
+        smooth = cv2.GaussianBlur(image, (0, 0), _SMOOTHING)
+        seen &= ((smooth > _DARK) & (smooth < _BRIGHT)).all(axis=2)
+    return seen
+
+
+def _unlike_in_brightness(infocus: NDArray[np.float64], defocus: NDArray[np.float64]) -> float:
+    """Return by what share a pair differs in brightness: of grey levels or, if less, of light.
+
+    Blur keeps the sum of what it mixes: of light in a camera, of grey levels in some simulations.
+    """
+    everywhere = np.ones(infocus.shape[:2], bool)
+    gain = find_gain(infocus, defocus, everywhere)
+    seen = _seen(infocus, defocus, everywhere)
+    sharp, blurred = (float(decode(image[seen]).sum()) for image in (infocus, defocus))
+    return min(abs(gain - 1), abs(sharp / blurred - 1))
 
 
 # Corner movements (pixels) and gains below these need no correction. If Middlebury's scenes are
@@ -293,13 +311,12 @@ def matching_of(pairs: Iterable[tuple[str, Image, Image]]) -> Matching:
         level = np.clip(np.rint(light.undone(blurred)), 0, 255)
         try:
             moves[name] = find_placement(sharp, level.astype(np.uint8)), sharp.shape
-            everywhere = np.ones(sharp.shape[:2], bool)
-            gains.append(find_gain(sharp.astype(float), level.astype(float), everywhere) - 1)
+            gains.append(_unlike_in_brightness(sharp.astype(float), level.astype(float)))
         except InputError:
             unlike += 1
     if unlike:
         problems.append(f"{unlike} of {len(tried)} pairs tried cannot be aligned")
-    gain = max(map(abs, gains))
+    gain = max(gains)
     align, moved = _proposed([*moves.values()])
     if align == "none":
         problems, moved = [*problems, *moved], []

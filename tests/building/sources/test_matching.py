@@ -98,6 +98,18 @@ def test_what_is_proposed_is_what_was_measured() -> None:
     assert found.found[-1] == "photographs differ in brightness by up to 11.1 %"
 
 
+def test_blur_of_light_is_no_difference_in_brightness() -> None:
+    # It keeps the light, so the grey levels of a picture with much contrast grow.
+    sharp = np.where(photograph(0, SHAPE) > 128, 220, 30).astype(np.uint8)
+    light = cv2.GaussianBlur(decode(sharp.astype(float)), (0, 0), 2)
+    blurred = np.rint(encode(light)).astype(np.uint8)
+    everywhere = np.ones(sharp.shape[:2], bool)
+    assert matching.find_gain(sharp.astype(float), blurred.astype(float), everywhere) < 0.97
+    assert not matching_of([("desk", sharp, blurred)]).match_gain
+    dimmed = np.rint(encode(0.8 * light)).astype(np.uint8)
+    assert matching_of([("desk", sharp, dimmed)]).match_gain
+
+
 def test_one_pair_that_seems_moved_is_asked_about_and_moves_no_other() -> None:
     pairs = [(f"scene {seed}", photograph(seed, SHAPE)) for seed in range(3)]
     still = [(name, sharp, moved(cv2.GaussianBlur(sharp, (0, 0), 1.2))) for name, sharp in pairs]
