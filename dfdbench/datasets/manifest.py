@@ -122,13 +122,11 @@ class Depth(StrictRecord):
             return self.scale.to_metres(depth).astype("float32")
         return self._levels_of_metres(depth)
 
-    def beyond(self, distance: NDArray[Any]) -> NDArray[np.bool_]:
-        """Return where distances in metres are beyond the scale's ends; NaN is not."""
-        import numpy as np
-
-        if self.scale is None:
-            return np.zeros(distance.shape, bool)
-        return (distance < self.scale.near) | (distance > self.scale.far)
+    def beyond(self, depth: NDArray[Any], unit: Unit) -> float:
+        """Return the share of depth in metres that is beyond the scale's ends; NaN is not."""
+        if self.scale is None or unit == "levels":
+            return 0.0
+        return float(((depth < self.scale.near) | (depth > self.scale.far)).mean())
 
     def answer_of_unit(
         self, depth: NDArray[np.float32], sigma: NDArray[np.float32] | None, unit: Unit

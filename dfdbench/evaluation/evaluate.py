@@ -19,11 +19,10 @@ from dfdbench.datasets.manifest import Manifest, Pair
 from dfdbench.errors import InputError, MethodError, StoreError, UnknownNameError, unknown_name
 from dfdbench.evaluation.fitting import TRAINING
 from dfdbench.evaluation.loading import depth_warnings, load_for
-from dfdbench.evaluation.map_files import PredictionFiles, find_predictions
+from dfdbench.evaluation.map_files import find_predictions
 from dfdbench.evaluation.pair import PairEvaluator, blank_record, record_of
 from dfdbench.evaluation.plan import RunOptions, protocol_on, protocols_on, require_scorable
 from dfdbench.evaluation.run import OnPair, RunDone, compose, run_method
-from dfdbench.methods.calling import SMALL_LEVEL
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Method, Prediction, teach
 from dfdbench.metrics.metric import find_metric
@@ -214,14 +213,16 @@ def score_predictions(
         kept = Predictions(folder, store.manifest)
         for pair in one_by_one(found.files, on_pair):
             images = store.read(pair)
-            depth, sigma = found.read(pair, store.shape_of(pair.scene))
+            depth, sigma, beyond = found.read(pair, store.shape_of(pair.scene))
             answer = Prediction(depth, 0.0, sigma=sigma)
-            record = record_of(store, images, answer, protocols_on(store), unit)
+            record = record_of(store, images, answer, protocols_on(store), unit, beyond)
             records[pair.id] = record.model_copy(update={"seconds": None})
             kept.keep(pair, depth, sigma)
         wanted = store.manifest.pairs(split)
         pairs = [records.get(pair.id) or blank_record(pair, "missing") for pair in wanted]
-        result = compose(store, split, method, pairs, warnings=_warnings(found))
+        others = f"{found.others} files are of other pairs of the set, and were not scored"
+        warnings = [others] * bool(found.others)
+        result = compose(store, split, method, pairs, warnings=warnings)
         save_result(result, folder / RESULT)
     return RunDone(result, folder, 0, set_aside)
 
@@ -235,19 +236,6 @@ def _method_record(name: str, unit: Unit) -> MethodRecord:
     except ValidationError as error:
         what = f"no name for a method, which is one line of text: {name!r:.80}"
         raise InputError(what, fix="--method NAME") from error
-
-
-def _warnings(found: PredictionFiles) -> list[str]:
-    warnings = []
-    if found.others:
-        warnings.append(f"{found.others} files are of other pairs of the set, and were not scored")
-    if found.highest <= SMALL_LEVEL and found.unit == found.about.kind == "levels":
-        what = f"no depth map rises above level {SMALL_LEVEL}; levels go from 0 to 255"
-        warnings.append(f"{what} (--unit metres scores distances)")
-    if found.beyond and found.about.scale is not None:
-        ends = f"{found.about.scale.near:g} to {found.about.scale.far:g} m"
-        warnings.append(f"{found.beyond:.1%} of all pixels lie beyond {ends} and count as the end")
-    return warnings
 
 
 #: The number of folds of training captures; captures of a group stay together.

@@ -224,22 +224,19 @@ class PredictionFiles:
         What the data set's depth means.
     others : int
         How many files in the folder are of other pairs of the data set.
-    beyond : float
-        The share of all pixels beyond the scale's two ends, which count as the end.
-    highest : float
-        The highest level in any file.
     """
 
     files: Mapping[Pair, Path]
     unit: Unit
     about: Depth
     others: int = 0
-    beyond: float = 0.0
-    highest: float = 255.0
 
-    def read(self, pair: Pair, shape: tuple[int, int]) -> tuple[DepthMap, DepthMap | None]:
-        """Return a pair's depth map and its sigma, if any, in the data set's unit, shape (y, x)."""
-        return _answer(self.files[pair], shape, self.unit, self.about)[:2]
+    def read(self, pair: Pair, shape: tuple[int, int]) -> tuple[DepthMap, DepthMap | None, float]:
+        """Return a pair's depth map and its sigma, if any, in the data set's unit, shape (y, x).
+
+        The share of pixels that are beyond the set's ends, and count as the end, comes last.
+        """
+        return _answer(self.files[pair], shape, self.unit, self.about)
 
 
 def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> PredictionFiles:
@@ -272,25 +269,20 @@ def find_predictions(folder: Path, store: Dataset, split: str, unit: Unit) -> Pr
     ResultError.raise_if(problems)
     wanted = store.pairs(split)
     files, problems = _sorted_out(folder, store, wanted, split)
-    pixels, beyond, highest = 0, 0, 0.0
     wrong: list[Problem] = []
     for pair in (pair for pair in wanted if pair in files):
         shape = store.shape_of(pair.scene)
         try:
-            depth, _, outside = _answer(files[pair], shape, unit, about)
+            _answer(files[pair], shape, unit, about)
         except ValueError as error:
             expected = f"{shape[0]} x {shape[1]} {unit}; 16-bit images: {_RULE[unit]}"
             wrong.append(Problem(str(error), where=str(files[pair]), expected=expected))
-        else:
-            pixels, beyond = pixels + depth.size, beyond + outside
-            highest = max(highest, float(np.nanmax(depth)))
     problems += wrong[:_MOST]
     if wrong[_MOST:]:
         problems.append(Problem(f"more files that cannot be scored: {len(wrong) - _MOST}"))
     ResultError.raise_if(problems)
     chosen = {pair: files[pair] for pair in wanted}
-    others = len(files) - len(chosen)
-    return PredictionFiles(chosen, unit, about, others, beyond / pixels, highest)
+    return PredictionFiles(chosen, unit, about, len(files) - len(chosen))
 
 
 def _unfit(folder: Path, store: Dataset, split: str, unit: Unit) -> list[Problem]:
@@ -347,8 +339,8 @@ def _sorted_out(
 
 def _answer(
     path: Path, shape: tuple[int, int], unit: Unit, about: Depth
-) -> tuple[DepthMap, DepthMap | None, int]:
-    """Return a file's depth and sigma in the set's unit, and how many pixels are beyond its ends.
+) -> tuple[DepthMap, DepthMap | None, float]:
+    """Return a file's depth and sigma in the set's unit, and the share beyond the set's ends.
 
     A ValueError says what is wrong with the file.
     """
@@ -366,8 +358,7 @@ def _answer(
         depth, sigma = check_answer(values if spread is None else (values, spread), shape, unit)
     except ValueError as error:
         raise ValueError(str(error).replace("returned", "holds", 1)) from error
-    beyond = int(about.beyond(values).sum()) if unit == "metres" else 0
-    return *about.answer_of_unit(depth, sigma, unit), beyond
+    return *about.answer_of_unit(depth, sigma, unit), about.beyond(depth, unit)
 
 
 def _read(path: Path, unit: Unit) -> tuple[NDArray[Any], NDArray[Any] | None]:

@@ -18,7 +18,7 @@ from dfdbench.errors import MethodError
 from dfdbench.evaluation.fitting import Fit, pack, unpack
 from dfdbench.evaluation.loading import load_for
 from dfdbench.evaluation.plan import protocols_on
-from dfdbench.methods.calling import FEW_LEVELS, MILLIMETRES, call, difference, in_few_levels
+from dfdbench.methods.calling import FEW_LEVELS, call, difference, in_few_levels
 from dfdbench.methods.importing import ONNX
 from dfdbench.methods.method import Method, Prediction, restore
 from dfdbench.methods.process_state import one_at_a_time, seeded
@@ -38,7 +38,9 @@ _PRINTED = "printed"
 _TURNED = "depth falls where the truth rises"
 _DIFFERS = "a second call on the same pair"
 #: And if more than this share of its depth is beyond the set's ends.
-_BEYOND = "over a tenth of the pixels lie beyond the set's ends, and count as the end"
+_BEYOND = (
+    "over a tenth of the pixels lie beyond the set's ends, and count as the end: are these metres?"
+)
 _MOST_BEYOND = 0.1
 #: The most pairs that a warning names.
 _NAMED = 10
@@ -96,8 +98,7 @@ class PairEvaluator:
         about, answered, beyond = self._store.manifest.depth, self._method.answers_in(unit), 0.0
         if prediction.depth is not None:
             # Clip to the set's ends.
-            if answered == "metres":
-                beyond = float(about.beyond(prediction.depth).mean())
+            beyond = about.beyond(prediction.depth, answered)
             depth, sigma = about.answer_of_unit(prediction.depth, prediction.sigma, answered)
             prediction = replace(prediction, depth=depth, sigma=sigma)
         protocols = self._protocols
@@ -279,12 +280,8 @@ def _oddities(
         odd.append(f"{_TURNED}: correlation {likeness:.2f} over the known pixels")
     if unit == "levels" and in_few_levels(about.exact_levels(depth)):
         odd.append(FEW_LEVELS)
-    if about.scale and "metres" in (unit, about.kind):
-        far = about.of_metres(np.array(about.scale.far)).astype(np.float32)
-        if np.nanmedian(depth) == far:
-            odd.append(MILLIMETRES)
     if beyond > _MOST_BEYOND:
-        odd.append(f"{_BEYOND}: {beyond:.0%}")
+        odd.append(f"{_BEYOND} ({beyond:.0%})")
     return odd
 
 
@@ -324,9 +321,7 @@ def warned(
             f"{manifest.depth.direction}{metres}"
         )
     if evaluated and _how_many(evaluated, FEW_LEVELS) == len(evaluated):
-        warnings.append(f"{FEW_LEVELS}: is it in metres, or to be multiplied by 255?")
-    if far := _how_many(evaluated, MILLIMETRES):
-        warnings.append(f"{MILLIMETRES} ({counted(far, 'pair')})")
+        warnings.append(FEW_LEVELS)
     if beyond := _how_many(evaluated, _BEYOND):
         warnings.append(f"{_BEYOND} ({counted(beyond, 'pair')})")
     if together := sum(not pair.timed_alone for pair in evaluated):

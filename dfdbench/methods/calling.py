@@ -109,9 +109,10 @@ _ROUNDING = 1e-3
 #: Metres, shares of depth and class indices are below this; levels of a whole scene hardly ever.
 SMALL_LEVEL = 10
 #: The warning for depth maps that seem to hold something other than levels.
-FEW_LEVELS = f"all levels between 0 and {SMALL_LEVEL}; levels go from 0 (far) to 255 (near)"
-#: The warning for depth maps that seem to be in millimetres.
-MILLIMETRES = "most of it at the set's far end or beyond, where it ends: are these metres?"
+FEW_LEVELS = (
+    f"all levels between 0 and {SMALL_LEVEL}; levels go from 0 (far) to 255 (near): "
+    "is it in metres, or to be multiplied by 255?"
+)
 
 
 def call(predict: Predict, *images: Any, unit: Unit = "levels") -> Prediction:
