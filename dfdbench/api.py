@@ -356,7 +356,7 @@ def run_tracks(
     >>> found.table()  # doctest: +SKIP
     """
     if isinstance(dataset, Dataset):
-        fix = f"name {dataset.manifest.short}, or the TOML file of a set of yours"
+        fix = f"name the TOML file of a set of yours; of a released one, {dataset.manifest.short}"
         raise InputError("tracks are built by a data set's name", where="dataset", fix=fix)
     check = _check_for_board(split) if for_board else None
     plain = evaluate.without_track(dataset, cache)

@@ -444,19 +444,20 @@ def _table(
     def means(levels: Mask) -> list[str]:
         return [_number(one.mean(levels), digits) for one in errors.values()]
 
-    first = next(iter(errors.values()))
+    # Runs that leave pixels out have fewer than others.
+    whole = max(errors.values(), key=lambda one: int(one.pixels.sum()))
     rows: list[tuple[str, ...]] = []
     for band in _BANDS:
-        if (there := band[first.pixels[band] > 0]).size:
+        if (there := band[whole.pixels[band] > 0]).size:
             inside = np.isin(np.arange(LEVELS), band)
             metres = [_metres(there, scale)] if scale else []
             levels = range_text(int(there[0]), int(there[-1]))
-            rows.append((levels, *metres, percent(first.share(inside)), *means(inside)))
+            rows.append((levels, *metres, percent(whole.share(inside)), *means(inside)))
     where = ["metres"] if scale else []
     columns = ("levels", *where, "of all", *errors)
-    whole = ("all", *[""] * len(where), percent(1.0), *means(WHOLE))
+    total = ("all", *[""] * len(where), percent(1.0), *means(WHOLE))
     align = "l" * (1 + len(where))
-    return Table(title, columns, (*rows, whole), align, (note,), frozenset({len(rows) - 1}))
+    return Table(title, columns, (*rows, total), align, (note,), frozenset({len(rows) - 1}))
 
 
 def _metres(levels: NDArray[np.int64], scale: DepthScale) -> str:

@@ -13,7 +13,7 @@ import pandas as pd
 from dfdbench.blur.tracks import CLEAN, SUITES, find_degradation
 from dfdbench.metrics.intervals import INTERVAL_GROUPS, group_interval
 from dfdbench.metrics.metric import find_metric
-from dfdbench.metrics.protocol import RELEASED, metrics_of, ranked_by
+from dfdbench.metrics.protocol import RELEASED, SURE, metrics_of, ranked_by
 from dfdbench.results import frame
 from dfdbench.results.differences import PairedDifference, corrected, paired_difference
 from dfdbench.results.record import Result, first_protocol
@@ -74,7 +74,8 @@ class Entry:
         done, expected = self.result.evaluated, self.result.dataset.expected
         first = ranked_by(protocol)[0]
         if gaps := sum(pair.lacks_answers(protocol, first) for pair in done):
-            return f"not ranked: {counted(gaps, 'pair')} without an answer for every pixel"
+            part = "half of the known pixels" if protocol == SURE else "every pixel"
+            return f"not ranked: {counted(gaps, 'pair')} without an answer for {part}"
         if self.given_blur:
             return "not ranked: given a blur on a track"
         if self.complete:
@@ -149,8 +150,8 @@ class ScoreBoard:
 
     @functools.cached_property
     def groups(self) -> int:
-        """How many independent groups of scenes the split has."""
-        return int(self.scores["group"].nunique())
+        """How many independent groups of scenes the ranking score is over."""
+        return _groups(self.scores, self.metric)
 
     def means(self, scores: pd.DataFrame, *by: str) -> pd.DataFrame:
         """Return means of some of the board's scores: a row per group, a column per standing."""
@@ -164,7 +165,8 @@ class ScoreBoard:
             return score_text(standing.scores.get(metric))
         own = self.scores[(self.scores["row"] == row) & (self.scores["metric"] == metric)]
         mean = frame.mean_defined(own["value"].to_numpy())
-        return NOTHING if np.isnan(mean) else f"({score_text(mean)})"
+        gaps = (own["status"] == frame.UNANSWERED).any()
+        return NOTHING if gaps or np.isnan(mean) else f"({score_text(mean)})"
 
 
 def boards(
@@ -266,10 +268,17 @@ def _board(
         }
         rank = places.index(places[at]) + 1 if number in able and ranked else None
         standings.append(Standing(entries[number], rank, found, interval, above))
-    if part["group"].nunique() >= INTERVAL_GROUPS:
+    if _groups(part, first) >= INTERVAL_GROUPS:
         standings = _with_shared_ranks(standings)
     rows = part["entry"].map({number: at for at, number in enumerate(placed)})
     return ScoreBoard(suite, protocol, tuple(standings), part.assign(row=rows))
+
+
+def _groups(scores: pd.DataFrame, metric: str) -> int:
+    """Return the number of groups, without those whose truth leaves the metric undefined."""
+    undefined = (scores["status"] == "ok") & scores["value"].isna()
+    own = scores[(scores["metric"] == metric) & ~undefined]
+    return int((scores if own.empty else own)["group"].nunique())
 
 
 def _with_shared_ranks(standings: Sequence[Standing]) -> list[Standing]:

@@ -69,7 +69,7 @@ def refuse_another_set(
     usual = manifest.capture and (manifest.capture.infocus_step, manifest.capture.defocus_step)
     other = {f"--recipe {recipe}": recipe not in (None, manifest.recipe)}
     other["--pair"] = steps is not None and usual not in (None, steps)
-    refuse_alone(other, {"a --store of another place": None})
+    refuse_alone(other, {"--store PATH of its own": None})
 
 
 @dataclass(frozen=True)

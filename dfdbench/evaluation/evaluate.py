@@ -111,8 +111,10 @@ def without_track(dataset: str, cache: Path | str | None = None) -> Manifest:
         fix = "name a data set with synthetic blur: `dfdbench list`"
         raise InputError(what, where=dataset, fix=fix)
     if not is_name:
-        what = "a store: tracks are built by the data set's name, each into its own store"
-        fix = f"name {manifest.short}, or the TOML file of a set of yours"
+        what = (
+            "this is a store, and tracks are built from a set's manifest, each into its own store"
+        )
+        fix = f"name the TOML file of a set of yours; of a released one, {manifest.short}"
         raise InputError(what, where=dataset, fix=fix)
     return manifest
 

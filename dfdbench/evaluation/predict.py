@@ -312,7 +312,7 @@ class DepthPredictor:
         with one_at_a_time(), seeded(self._seed):
             answer = call(predict, *images, unit=self.unit)
         if answer.depth is None:
-            fix = f"mend the method; dfdbench check-method {self.method.name} tries more images"
+            fix = f"mend the method; dfdbench check-method {self.method.entry} tries more images"
             ours = self.method.entry.startswith("dfdbench.")
             raise MethodError(f"no depth map: {answer.error}", fix="" if ours else fix)
         return Estimate(answer.depth, answer.seconds, found, answer.sigma)

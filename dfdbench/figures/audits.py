@@ -253,7 +253,7 @@ def depth_error_figure(
     figure = Figure(figsize=(max(9.0, 3.6 * len(found)), 8), layout="constrained")
     figure.suptitle(style.plain_text(title))
     grid = figure.add_gridspec(2, len(found), height_ratios=(1.1, 1))
-    there = np.flatnonzero(found[0].levels.pixels)
+    there = np.flatnonzero(sum(one.levels.pixels for one in found))
     span = (float(there[0]) - 2, float(there[-1]) + 2)
     top = figure.add_subplot(grid[0, :])
     for number, one in enumerate(found):

@@ -50,14 +50,18 @@ def verdict_facts(run: SavedRun, protocol: str) -> dict[str, Line]:
         ``score``: the means; ``constant``: that of ``constant`` on the same pairs; ``best_row``:
         the best row on the same data whose method was given as much (else the best of all), scored
         on the same pairs; ``worst``: where the run is worst. Each has a ``text``, and scores by
-        metric. Missing lines are left out, and so is a damaged row of the leaderboard.
+        metric. Missing lines are left out, all but the first if pixels lack answers, and so is a
+        damaged row of the leaderboard.
     """
     result = run.result
     lines: dict[str, Line] = {"score": _score(result, protocol)}
+    name = ranked_by(protocol)[0]
+    if any(pair.lacks_answers(protocol, name) for pair in result.evaluated):
+        # The method chose the pairs that have a score.
+        return lines
     pairs = [pair for pair in result.pairs if _of(pair, protocol) is not None]
     own = mean_of(_of(pair, protocol) for pair in pairs)
     if own is not None:
-        name = ranked_by(protocol)[0]
         title = metrics_of(protocol)[name].title
         others = list(_others(result, protocol, [pair.id for pair in pairs]))
         row = next((row.result for row in others if row.name == CONSTANT), None)

@@ -258,7 +258,18 @@ def difference_table(
             records.append({"metric": name, "pairs": where, **_as_record(difference)})
     compared = changes(first, second, protocol, ranked_by(protocol)[0])
     count = len({dataset.group_of(change.first.scene) for change in compared})
+    named = intervals.interval_name(count)
     notes = [verdict_note(count)] * (count > 1)
+    others = [
+        f"{find_metric(name).title}, {where}"
+        for (name, where), one in found.items()
+        if one and one.low is not None and intervals.interval_name(one.groups) != named
+    ]
+    if others:
+        kind = (
+            "the range of group means" if count >= intervals.INTERVAL_GROUPS else "a 95 % interval"
+        )
+        notes.append(f"over another number of groups, so {kind}: {'; '.join(others)}")
     aims = [about for about in metrics_of(protocol).values() if about.best is not None]
     notes += [f"{one.title}: how much farther from {one.best:g} B is than A" for one in aims]
     if len(compared) < dataset.expected:
@@ -268,8 +279,7 @@ def difference_table(
         notes.append("The depth maps are the same in both runs, to the last digit.")
     a, b = names or (method_label(first.method), method_label(second.method))
     title = f"A: {a}, B: {b}; {dataset.heading}, {protocol}"
-    interval = f"B minus A, {intervals.interval_name(count)}"
-    columns = ("metric", "pairs", interval, "B better", "B worse", "same")
+    columns = ("metric", "pairs", f"B minus A, {named}", "B better", "B worse", "same")
     rules = frozenset(before for before, row in enumerate(rows, -1) if row[0])
     return Table(title, columns, tuple(rows), "lllrrr", tuple(notes), rules, tuple(records))
 

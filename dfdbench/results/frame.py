@@ -205,13 +205,13 @@ def severities_table(results: Sequence[Result], protocol: str) -> Table:
     """
     metrics, first_by = metrics_of(protocol), ranked_by(protocol)[0]
     scores = scores_of(results)
-    named = interval_name(scores["group"].nunique())
     by_metric = {}
     for name in metrics:
         means = track_means(scores, protocol, name)
         by_metric[name] = means.assign(mean=means.drop(columns=0).mean(axis=1, skipna=False))
     shown = by_metric[first_by]
     own = scores[(scores["protocol"] == protocol) & (scores["metric"] == first_by)]
+    named = interval_name(own.dropna(subset="value")["group"].nunique())
     intervals = _intervals(own, shown["mean"])
     rows = tuple(
         (str(track), *map(wording.score_text, values), wording.interval_text(interval))

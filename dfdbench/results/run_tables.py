@@ -119,17 +119,20 @@ def time_table(summary: RunSummary) -> Table:
 def _notes(result: Result, groups: tuple[ScoreGroup, ...]) -> list[str]:
     whole = groups[-1]
     notes = []
-    intervals = [
-        f"{find_metric(name).title} {score_text(value.low)} to {score_text(value.high)}"
+    # A flat ground truth may leave some metrics fewer groups than others.
+    intervals = grouped(
+        (
+            value.groups,
+            f"{find_metric(name).title} {score_text(value.low)} to {score_text(value.high)}",
+        )
         for name, value in whole.metrics.items()
         if value.low is not None
-    ]
-    if intervals:
-        count = len({result.dataset.group_of(pair.scene) for pair in result.evaluated})
+    )
+    for count, parts in intervals.items():
         what = f"95 % interval of the overall mean, over {count} groups of scenes"
         if count < INTERVAL_GROUPS:
             what = f"range of the means of {count} groups of scenes, too few for an interval"
-        notes.append(f"{what}: {'; '.join(intervals)}")
+        notes.append(f"{what}: {'; '.join(parts)}")
     if whole.undefined:
         pairs = counted(whole.undefined, "pair")
         notes.append(f"without a defined score (flat ground truth), in no mean: {pairs}")

@@ -9,7 +9,7 @@ import numpy as np
 from dfdbench.datasets.manifest import Scene
 from dfdbench.metrics.intervals import group_interval, interval_name
 from dfdbench.metrics.metric import mean_of
-from dfdbench.metrics.protocol import metrics_of, ranked_by, require_scored
+from dfdbench.metrics.protocol import SURE, metrics_of, ranked_by, require_scored
 from dfdbench.results.record import PairResult, Result
 from dfdbench.tables.table import grouped
 
@@ -28,6 +28,8 @@ class Statistic:
         The number of these pairs.
     low, high : float or None
         From `group_interval`; None for a single group of scenes.
+    groups : int
+        The number of groups of scenes of these pairs.
     interval_is : str or None
         What `low` and `high` are, from `interval_name`; None if there are none.
     minimum, maximum : float or None
@@ -41,6 +43,7 @@ class Statistic:
     defined: int
     low: float | None = None
     high: float | None = None
+    groups: int = 0
     interval_is: str | None = None
     minimum: float | None = None
     maximum: float | None = None
@@ -200,31 +203,31 @@ def _group(
     # A cell shows the mean of what was run. An incomplete run has no overall mean, which would be
     # taken for the method's score.
     averaged = not failed and (not overall or len(evaluated) == len(pairs))
-    # Nor is there a mean over only the pairs that a method chose to answer in full.
     unanswered = sum(pair.lacks_answers(protocol) for pair in evaluated)
 
-    def statistic(values: Sequence[float | None], averaged: bool) -> Statistic:
+    def statistic(values: Sequence[float | None], metric: str | None = None) -> Statistic:
         defined = [
             (result.dataset.group_of(pair.scene), value)
             for pair, value in zip(evaluated, values, strict=True)
             if value is not None
         ]
+        # Nor is there a mean over only the pairs for which a method chose to answer enough.
+        if metric and any(pair.lacks_answers(protocol, metric) for pair in evaluated):
+            return Statistic(None, None, len(defined))
         if averaged:
             return _statistic(defined, overall)
-        ran = None if unanswered else mean_of(value for _, value in defined)
+        ran = mean_of(value for _, value in defined)
         return Statistic(None, None, len(defined), of_what_ran=ran)
 
-    whole = (pair for pair in evaluated if pair.answered == 1)
+    # Under `SURE`, what a pair lacks is the method's sigma.
+    whole = (pair for pair in evaluated if pair.answered == 1 and protocol != SURE)
     undefined = sum(None in pair.scores[protocol].values() for pair in whole)
     counts = len(pairs), len(evaluated), failed, undefined
     scores = {
-        name: statistic(
-            [pair.score(protocol, name) for pair in evaluated],
-            averaged and not any(pair.lacks_answers(protocol, name) for pair in evaluated),
-        )
+        name: statistic([pair.score(protocol, name) for pair in evaluated], name)
         for name in metrics_of(protocol)
     }
-    seconds = statistic([pair.seconds for pair in evaluated], averaged)
+    seconds = statistic([pair.seconds for pair in evaluated])
     return ScoreGroup(block, row, *counts, scores, seconds, unanswered)
 
 
@@ -235,6 +238,7 @@ def _statistic(defined: Sequence[tuple[str, float]], overall: bool) -> Statistic
     interval = group_interval(numbers, groups) if overall else None
     std = float(np.std(numbers, ddof=1)) if len(numbers) > 1 else None
     low, high = interval or (None, None)
-    named = interval_name(len({*groups})) if interval else None
+    count = len({*groups})
+    named = interval_name(count) if interval else None
     ends = min(numbers), max(numbers)
-    return Statistic(mean_of(numbers), std, len(numbers), low, high, named, *ends)
+    return Statistic(mean_of(numbers), std, len(numbers), low, high, count, named, *ends)

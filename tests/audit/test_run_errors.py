@@ -165,6 +165,10 @@ def test_the_table_has_a_row_a_band_that_occurs_and_metres_where_they_are_told(
     gaps = run_errors.depth_error_tables(tiny_store, "test", some)
     assert "for want of answers: b " in gaps[0].notes[0]
     assert "for want of answers" not in untold[0].notes[0]
+    blank = found[0].levels.pixels * (np.arange(256) > there[0] + 16)
+    fewest = [replace(found[1], levels=replace(half, pixels=blank)), found[0]]
+    bands = [row[:2] for row in run_errors.depth_error_tables(tiny_store, "test", fewest)[0].rows]
+    assert bands == [row[:2] for row in untold[0].rows]
     fewer = run.result.model_copy(update={"pairs": run.result.pairs[1:]})
     found[1] = run_errors.depth_errors(store, fewer, run.folder, "b")
     with pytest.raises(ResultError, match="different pairs"):

@@ -26,6 +26,9 @@ def test_few_scenes_are_no_95_per_cent(scenes: str) -> None:
     assert (table.columns[4], table.records[0]["interval"]) == (name, name)
     assert ("fewer than 8 for an interval" in table.notes[1]) == (len(scenes) < 8)
     assert table.rows[0][4] != f"0.1000 to 0.{len(scenes)}000" or len(scenes) < 8
+    # A scene whose score the truth leaves undefined does not count.
+    flat = make_result(values | {("z", 1, 1, 0): None})
+    assert tables.standings_table(board_of(flat), HERE.parent).columns[4] == name
 
 
 def test_records_hold_numbers_in_full_and_links_lead_to_the_file(tmp_path: Path) -> None:
@@ -82,8 +85,8 @@ def test_depth_maps_made_elsewhere_are_one_table_with_links() -> None:
     assert table.title.endswith("protocol valid: scored, not run")
     assert table.rows[0][:4] == ("–", "theirs (scored, not run)", "not known", "0.0100")
     assert getattr(table.rows[0][1], "target", "") == HERE.name
-    both = [entry_of(scored("theirs", 0.01), HERE), entry_of(make_demo_result(lambda _: 0.02), HERE)]
-    (board,) = ranking.boards(both)
+    results = scored("theirs", 0.01), make_demo_result(lambda _: 0.02)
+    (board,) = ranking.boards([entry_of(result, HERE) for result in results])
     assert tables.ranking_table(board, HERE.parent).title.endswith("protocol valid")
 
 

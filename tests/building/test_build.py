@@ -137,9 +137,9 @@ def test_other_blur_or_steps_are_refused_in_the_sets_own_place(tmp_path: Path) -
     captured = UPath(default_store(CAPTURED, tmp_path))
     for cache in (tmp_path, tmp_path / "link"):
         blurred = UPath(default_store(DEMO, cache))
-        with pytest.raises(InputError, match="--recipe text cannot be given without a --store"):
+        with pytest.raises(InputError, match="--recipe text cannot be given without --store PATH"):
             refuse_another_set(DEMO, blurred, "text", None, tmp_path)
-    with pytest.raises(InputError, match="--pair cannot be given without a --store"):
+    with pytest.raises(InputError, match="--pair cannot be given without --store PATH"):
         refuse_another_set(CAPTURED, captured, None, (1, 2), tmp_path)
     refuse_another_set(CAPTURED, captured, None, (141, 129), tmp_path)
     refuse_another_set(DEMO, blurred, "published", None, tmp_path)

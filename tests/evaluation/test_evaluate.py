@@ -12,7 +12,7 @@ from dfdbench.blur.law import BlurLaw
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, MethodError, ResultError, UnknownNameError
-from dfdbench.evaluation.evaluate import best_settings, score_predictions
+from dfdbench.evaluation.evaluate import best_settings, score_predictions, without_track
 from dfdbench.evaluation.predict import DepthPredictor
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.measured_law import Calibration
@@ -50,6 +50,15 @@ class Measured(Level):
         nothing = np.full(256, np.nan), np.zeros(256, np.int64), np.full(256, np.nan)
         law = BlurLaw((0.5,) * 256, noise=(1.0,))
         self.calibrations = (Calibration(law, *nothing),) * laws
+
+
+def test_of_a_built_set_the_tracks_are_had_by_its_toml_file(tiny_store: Dataset) -> None:
+    given: list[Any] = [str(tiny_store.path), tiny_store]
+    for each in given:
+        with pytest.raises(InputError, match="name the TOML file of a set of yours; of a released"):
+            dfdbench.run_tracks("constant", each)
+    with pytest.raises(InputError, match="built from a set's manifest"):
+        without_track(str(tiny_store.path))
 
 
 def test_each_measured_law_lies_beside_the_run(tiny_store: Dataset, tmp_path: Path) -> None:

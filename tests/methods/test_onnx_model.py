@@ -22,6 +22,7 @@ from dfdbench.api import run
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.check import check_method
+from dfdbench.evaluation.predict import predict
 from dfdbench.methods.method import Method
 from dfdbench.methods.registry import load_method
 from tests.process import dfdbench_without
@@ -246,6 +247,9 @@ def test_an_answer_that_is_no_depth_map_and_parameters_are_refused(tmp_path: Pat
     name = written(tmp_path / "net.onnx", lambda a, b: a + b, PAIR, shape, shape)
     with pytest.raises(MethodError, match="wrong output out"):
         load_method(name, {}, {})(SHARP, BLURRED)
+    # The command that it names finds the model, wherever it lies.
+    with pytest.raises(MethodError, match=f"dfdbench check-method {name}"):
+        predict(name, (SHARP, BLURRED), align=False)
     with pytest.raises(MethodError, match="got window"):
         load_method(name, {"window": 3}, {})
 

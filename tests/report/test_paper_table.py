@@ -37,7 +37,8 @@ def test_what_reads_the_same_is_marked_the_same(tmp_path: Path) -> None:
 def test_where_no_mean_is_shown_the_note_says_why(tmp_path: Path) -> None:
     gaps, nothing = (make_demo_result(lambda _: 0.01, name) for name in ("gaps", "nothing"))
     none = {"thesis": dict.fromkeys(METRICS), "valid": dict.fromkeys(METRICS)}
-    gaps = limited(edited(gaps, pairs={"answered": 0.5, "scores": none}), 4)
+    some = [edited(pair, answered=0.5, scores=none) for pair in gaps.pairs[:4]]
+    gaps = limited(edited(gaps, pairs=some + gaps.pairs[4:]), 5)
     runs = saved(tmp_path, make_demo_result(lambda _: 0.3, "whole"), gaps, limited(nothing, 0))
     (table,) = paper_tables(runs, "valid", ["nrmse"])
     assert {row[0]: row[2] for row in table.rows[1:]} == {"gaps": "–", "nothing": "–"}

@@ -71,6 +71,9 @@ def test_a_mean_that_the_run_lacks_is_not_said(tiny_store: dfd.Dataset) -> None:
     done = dfd.run(some, tiny_store, protocol="sure")
     assert done.verdict_facts()["score"]["nrmse_50"] is None
     assert "surest 50 % –" in lines(done)["score"]
+    # Nor is the mean over the pairs that it chose to answer held against others.
+    assert list(done.verdict_facts()) == ["score"]
+    assert list(dfd.run(some, tiny_store).verdict_facts()) == ["score"]
 
 
 def test_a_run_that_failed_everywhere_says_so(tiny_store: dfd.Dataset, tmp_path: Path) -> None:

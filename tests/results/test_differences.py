@@ -64,6 +64,19 @@ def test_below_ten_scenes_there_is_no_verdict() -> None:
         assert (found.low is None) == (len(scenes) == 1)
 
 
+def test_rows_over_fewer_groups_than_the_others_are_named() -> None:
+    first, second = result(0.2), result(0.1)
+    failed = [
+        edited(pair, status="failed", scores={}) if few and pair.scene in "abcd" else pair
+        for pair, few in ((pair, pair.coordinates["exposure"] == 1) for pair in second.pairs)
+    ]
+    second = edited(second, pairs=failed, dataset={"evaluated": 32}, averages=None)
+    table, _ = change_tables(first, second, "thesis")
+    where = [f"{metric}, exposure 1" for metric in ("NRMSE", "NMAE", "SSIM")]
+    note = f"over another number of groups, so the range of group means: {'; '.join(where)}"
+    assert (table.columns[2], table.notes[1]) == ("B minus A, 95 %", note)
+
+
 def test_scenes_of_one_room_do_not_count_as_several() -> None:
     first, second = result(0.2), result(0.1)
     whole = change_tables(first, second, "thesis")[0]

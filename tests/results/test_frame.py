@@ -56,6 +56,19 @@ def test_a_row_has_clean_the_severities_and_their_mean_without_clean() -> None:
     assert "demo-1, split test, protocol valid" in table.title
 
 
+@pytest.mark.parametrize(
+    ("scenes", "name"), [("abcdefg", "range of group means"), ("abcdefgh", "95 %")]
+)
+def test_a_flat_truth_is_no_group_of_a_track_s_mean(scenes: str, name: str) -> None:
+    values: dict[tuple[str, int, int, int], float | None] = {
+        (each, 1, 1, 0): 0.1 for each in scenes
+    }
+    flat = make_result(values | {("z", 1, 1, 0): None})
+    data = {"name": "tiny-1@gain-1", "short": "tiny@gain-1", "degradation": "gain-1"}
+    table = severities_table([edited(flat, dataset=data)], "thesis")
+    assert (table.columns[-1], table.records[0]["interval"]) == (name, name)
+
+
 def test_runs_from_before_a_metric_have_none_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
     younger = dict(METRICS, younger=replace(METRICS["nmae"], name="younger", younger=True))
     monkeypatch.setattr("dfdbench.results.frame.metrics_of", lambda protocol: younger)

@@ -21,9 +21,18 @@ def test_a_run_has_scores_extremes_and_times() -> None:
     assert "pairs" not in scores.columns
     assert scores.rows[-1][2] == "0.0850"
     assert "range of the means of 2 groups of scenes, too few for an interval" in scores.notes[0]
+    many: dict[tuple[str, int, int, int], float | None]
     many = {(scene, 1, 1, 0): 0.1 for scene in "abcdefgh"}
     notes = run_tables.run_score_table(summarise(make_result(many), "thesis")).notes
     assert "95 % interval of the overall mean, over 8 groups of scenes" in notes[0]
+    # Of one of these the truth is flat: its SSIM alone is defined.
+    many["h", 1, 1, 0] = None
+    notes = run_tables.run_score_table(summarise(make_result(many), "thesis")).notes
+    assert notes[:2] == (
+        "range of the means of 7 groups of scenes, too few for an interval: "
+        "NRMSE 0.1000 to 0.1000; NMAE 0.0500 to 0.0500",
+        "95 % interval of the overall mean, over 8 groups of scenes: SSIM 0.6227 to 0.9682",
+    )
     assert [row[0] for row in extremes.rows] == ["top"] * 5 + ["bottom"] * 5
     assert extremes.rows[0][1:5] == ("a", "1", "1", "0")
     assert extremes.rows[-1][1:5] == ("b", "5", "2", "1")

@@ -1,9 +1,14 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from dfdbench.board.ranking import Entry, boards
+from dfdbench.metrics.metric import SURENESS
+from dfdbench.metrics.protocol import RELEASED
 from dfdbench.results.record import Result
 from dfdbench.results.summary import median_seconds, ranked, summarise
-from tests.made_results import edited, make_result
+from tests.made_results import edited, make_demo_result, make_result
 
 # Table 5.3 of the thesis, exposure 0: mean and std of the NRMSE of 6 pairs an illumination.
 CELLS = {1: (0.0582, 0.0126), 2: (0.0522, 0.0068), 3: (0.0603, 0.0152)}
@@ -51,6 +56,30 @@ def test_an_undefined_score_is_counted_and_in_no_mean() -> None:
     assert whole.metrics["nrmse"].mean == 0.2
     assert (whole.evaluated, whole.undefined, whole.metrics["nrmse"].defined) == (2, 1, 1)
     assert [pair.scene for pair in ranked(result, "thesis")] == ["a"]
+
+
+def test_of_chosen_pairs_no_mean_of_the_surest_is_shown_and_a_sigma_that_lacks_is_no_flat_truth(
+    tmp_path: Path,
+) -> None:
+    made = make_demo_result(lambda _: 0.1)
+    whole = dict.fromkeys(SURENESS) | {"density": 1.0, "nrmse_50": 0.1, "nrmse_90": 0.1}
+    part = dict.fromkeys(SURENESS) | {"density": 0.3}
+    pairs = [
+        edited(pair, answered=0.3 if few else 1.0, scores={"sure": part if few else whole})
+        for few, pair in zip([True] * 20 + [False] * 34, made.pairs, strict=True)
+    ]
+    result = edited(made, pairs=pairs, protocols=[RELEASED["sure"].as_dict()])
+    overall = summarise(result, "sure").groups[-1]
+    surest = overall.metrics["nrmse_50"]
+    assert (surest.mean, surest.of_what_ran, surest.defined, overall.undefined) == (
+        None,
+        None,
+        34,
+        0,
+    )
+    (board,) = boards([Entry((result,), tmp_path, "mine")])
+    told = "not ranked: 20 pairs without an answer for half of the known pixels"
+    assert board.standings[0].entry.unranked("sure") == told
 
 
 def broken(result: Result, status: str) -> Result:

@@ -101,7 +101,7 @@ def test_what_is_proposed_is_what_was_measured() -> None:
 def test_blur_of_light_is_no_difference_in_brightness() -> None:
     # It keeps the light, so the grey levels of a picture with much contrast grow.
     sharp = np.where(photograph(0, SHAPE) > 128, 220, 30).astype(np.uint8)
-    light = cv2.GaussianBlur(decode(sharp.astype(float)), (0, 0), 2)
+    light = cv2.GaussianBlur(decode(sharp.astype(float)), (0, 0), 2).astype(np.float64)
     blurred = np.rint(encode(light)).astype(np.uint8)
     everywhere = np.ones(sharp.shape[:2], bool)
     assert matching.find_gain(sharp.astype(float), blurred.astype(float), everywhere) < 0.97
