@@ -94,7 +94,7 @@ def test_the_next_command_is_one_that_tests_what_was_trained(
     told = dfdbench.fine("train dfd-net --fold K1", *store, *QUICK).err
     assert f"next         dfdbench run --method dfd-net --dataset {store[1]} --split K1 " in told
     images = np.random.default_rng(0).integers(1, 255, (3, 32, 32, 3), np.uint8)
-    room = stacks.Stack(images, np.float32([1, 2, 3]), np.full((32, 32), 2, np.float32))
+    room = stacks.Stack(images, np.array([1, 2, 3], np.float32), np.full((32, 32), 2, np.float32))
     course = replace(stacks.STACK_NET, of_rooms=lambda *_: {"room": [room]})
     monkeypatch.setattr(stacks, "STACK_NET", course)
     told = dfdbench.fine("train stack-net --set steps=1 --threads 1").err
