@@ -173,6 +173,8 @@ def reduce(
         found = reduce_weights(
             place, store, configuration, split, level, rounds, seed, tuning, on, bar
         )
+    for file in found.files:
+        output_place(folder / file, config)
     found.write(folder)
     show(format, found.tables, folder=folder, networks=list(found.files))
     say(f"tables       {folder / 'counts.md'}, rows.md, and both as CSV")

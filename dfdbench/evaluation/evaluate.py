@@ -114,7 +114,7 @@ def without_track(dataset: str, cache: Path | str | None = None) -> Manifest:
         what = (
             "this is a store, and tracks are built from a set's manifest, each into its own store"
         )
-        fix = f"name the TOML file of a set of yours; of a released one, {manifest.short}"
+        fix = f"name the TOML file of a set of yours, or {manifest.short} if dfdbench has it"
         raise InputError(what, where=dataset, fix=fix)
     return manifest
 

@@ -81,7 +81,8 @@ def test_what_has_no_tracks_is_told_before_anything_is_built(
     ):
         dfdbench.refused(said, f"tracks --method constant {words}")
         assert not Path(os.environ["DFDBENCH_CACHE"]).exists()
-    dfdbench.refused("data set's name", f"tracks --method constant --dataset {tiny_store.path}")
+    words = f"tracks --method constant --dataset {tiny_store.path}"
+    dfdbench.refused("built from a set's manifest", words)
 
 
 def test_a_method_that_always_fails_ends_the_tracks_and_is_to_be_checked(

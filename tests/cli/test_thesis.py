@@ -64,6 +64,8 @@ def test_reduced_networks_are_trained_and_compared(dfdbench: Command, tiny_store
     assert str(folder) in done.err
     assert (folder / "B-03-03H.toml").exists()
     assert "no zero point" in (folder / "counts.md").read_text()
+    own = f"{reduce} --config {folder / 'original.toml'}"
+    dfdbench.refused("would write into one of its inputs", own, *FEW, *HERE)
     command = ["thesis experiment reduction --dataset", dataset, "--rows", str(folder), *HERE]
     command += ["--values", "original,B-01-01", "--repeats", "2"]
     trained = dfdbench.fine(*command, "--format", "csv")
