@@ -188,6 +188,10 @@ def refuse_both(these: Mapping[str, object], those: Mapping[str, object]) -> Non
     InputError
         If some of both were given; it names them all.
 
+    Notes
+    -----
+    Of `these` only options can be left out, not the name of a data set, a method or an experiment.
+
     Examples
     --------
     >>> refuse_both({"--each": None}, {"--train": "train", "--test": "test"})
@@ -198,7 +202,7 @@ def refuse_both(these: Mapping[str, object], those: Mapping[str, object]) -> Non
     """
     first, second = _given(these), _given(those)
     if first and second:
-        fix = f"leave out {second}, or {first}"
+        fix = f"leave out {second}" + f", or {first}" * first.startswith("-")
         raise InputError(f"{second} cannot be given with {first}", fix=fix)
 
 

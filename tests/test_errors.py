@@ -44,6 +44,8 @@ def test_an_empty_text_was_given_and_false_was_not() -> None:
     refuse_both({"--check": False, "--train": None}, {"--mirror": (), "--test": "all"})
     with pytest.raises(InputError, match="--split cannot be given with --fold"):
         refuse_both({"--fold": ""}, {"--split": "test"})
+    with pytest.raises(InputError, match=r"Fix: leave out --source$"):
+        refuse_both({"demo": True}, {"--source": "here"})
     refuse_alone({"--split": None}, {"--dataset": None})
     refuse_alone({"--split": "test"}, {"--dataset": None, "--result": ""})
 
