@@ -31,8 +31,10 @@ _NUMBERS: dict[str, type[np.generic]] = {
     "tensor(uint8)": np.uint8,
 }
 # How protobuf writes that weights are in another file, which results would not record: in field 13
-# of a tensor. A model's own notes, in other fields, may have a location too.
-_ELSEWHERE = re.compile(rb"\x6a(?:[\0-\x7f]|[\x80-\xff][\x01-\x7f])\n\x08location\x12")
+# of a tensor, as a text. A model's own notes, in other fields, may have a location too; and a value
+# of a graph, in its field 13, may be called so: then a type follows, whose first byte is a newline.
+_LENGTH = rb"(?:[\0-\x7f]|[\x80-\xff][\x01-\x7f])"
+_ELSEWHERE = re.compile(rb"\x6a%b\n\x08location\x12%b[^\n]" % (_LENGTH, _LENGTH))
 # Where in onnxruntime's sources something failed; what failed comes after it.
 _IN_SOURCES = re.compile(r"/onnxruntime_src/.*?\) ")
 _PARTS = re.compile(r"\([A-Z]+\)|[A-Z]")
