@@ -12,7 +12,7 @@ from typer import Argument, Option
 
 from dfdbench.cli.options import Cache, Facts, Seed, TrainingOut, data_sets, values_of
 from dfdbench.cli.screen import command, progress, save_figure, say, show
-from dfdbench.datasets.dataset import open_dataset
+from dfdbench.datasets.dataset import Dataset, open_dataset
 from dfdbench.errors import InputError, refuse_alone, refuse_both
 from dfdbench.results.output_place import output_place
 from dfdbench.system.packages import PACKAGE_VERSION, needed
@@ -68,8 +68,11 @@ def train_command(
     if method in ("stack-net", "volume-net"):
         others = {"--config": config != "published", "--device": device != "auto"}
         refuse_both({method: True}, {"--fold": fold, **others})
-        what, make = _on_cameras(method, dataset, split, start, seed, changed, cache)
-        tested = {"dataset": dataset or _UNSEEN[method], "split": None}
+        refuse_alone({"--split": split}, {"--dataset": dataset})
+        store = open_dataset(dataset, cache=cache) if dataset else None
+        what, make = _on_cameras(method, store, split, start, seed, changed)
+        part = task.other_part(store.manifest, split or "train") if store else None
+        tested = {"dataset": dataset or _UNSEEN[method], "split": part or None}
         default = Path("training") / what / (method + seeded)
     else:
         refuse_both({"--split": split}, {"--fold": fold})
@@ -104,12 +107,11 @@ def _on_patches(task: Task, device: str, _: Path) -> Trainee:
 
 def _on_cameras(
     method: str,
-    dataset: str | None,
+    store: Dataset | None,
     split: str | None,
     start: Path | None,
     seed: int,
     changes: Mapping[str, Any],
-    cache: Path | None,
 ) -> tuple[str, Callable[[Path], Trainee]]:
     """Return how a training of cameras is called, and what makes its learner for a folder."""
     from dfdbench.methods.networks.weights import load_weights
@@ -117,11 +119,9 @@ def _on_cameras(
 
     course: cameras.Course[Any] = stacks.STACK_NET if method == "stack-net" else volumes.VOLUME_NET
     steps = cameras.steps_of(course, changes)
-    refuse_alone({"--split": split}, {"--dataset": dataset})
     if start:
         # Refused before examples are made, which takes long.
         load_weights(start, method)
-    store = open_dataset(dataset, cache=cache) if dataset else None
 
     def make(folder: Path) -> Trainee:
         examples: Mapping[str, Sequence[Any]]

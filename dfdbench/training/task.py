@@ -15,7 +15,7 @@ from torch import nn
 from dfdbench.blur.recipe import RECIPES, BlurRecipe
 from dfdbench.blur.tracks import OF_PATCHES
 from dfdbench.datasets.dataset import Dataset
-from dfdbench.datasets.manifest import Pair, require_fold, training_of
+from dfdbench.datasets.manifest import Manifest, Pair, require_fold, training_of
 from dfdbench.errors import InputError, StoreError
 from dfdbench.methods.networks.inference import Predictor, Readout
 from dfdbench.methods.networks.weights import build_network, described, load_weights, weights_sha256
@@ -106,10 +106,7 @@ def task_of(
         tested, trained_on = fold, f"{manifest.stem}, all but {fold}"
     else:
         train = store.pairs(split)
-        partition = {item.name: item.partition for item in manifest.splits}
-        own = partition.get(split)
-        others = [name for name in partition if name != split and partition[name] == own]
-        tested, trained_on = (others or [""])[0], f"{manifest.stem}, split {split}"
+        tested, trained_on = other_part(manifest, split), f"{manifest.stem}, split {split}"
     if configuration.tracks:
         every = list(configuration.tracks) == list(OF_PATCHES)
         named = "" if every else ": " + " ".join(configuration.tracks)
@@ -120,6 +117,20 @@ def task_of(
         raise StoreError(what, where=str(store.path), fix=fix)
     test = store.pairs(tested) if tested else ()
     return Task(method, store, train, test, trained_on, tested, configuration, seed, start)
+
+
+def other_part(manifest: Manifest, split: str) -> str:
+    """Return the other split of a split's partition, which tests it; empty if there is none.
+
+    Examples
+    --------
+    >>> from dfdbench.datasets.catalog import find_manifest
+    >>> other_part(find_manifest("demo"), "test"), other_part(find_manifest("demo"), "all")
+    ('train', '')
+    """
+    partition = {item.name: item.partition for item in manifest.splits}
+    own = partition.get(split)
+    return next((name for name in partition if name != split and partition[name] == own), "")
 
 
 def require_trainable(task: Task) -> dict[str, Any]:

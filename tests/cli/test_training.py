@@ -95,10 +95,13 @@ def test_the_next_command_is_one_that_tests_what_was_trained(
     assert f"next         dfdbench run --method dfd-net --dataset {store[1]} --split K1 " in told
     images = np.random.default_rng(0).integers(1, 255, (3, 32, 32, 3), np.uint8)
     room = stacks.Stack(images, np.array([1, 2, 3], np.float32), np.full((32, 32), 2, np.float32))
-    course = replace(stacks.STACK_NET, of_rooms=lambda *_: {"room": [room]})
+    course = stacks.STACK_NET
+    course = replace(course, of_rooms=lambda *_: {"room": [room]}, of_captures=lambda _: [room])
     monkeypatch.setattr(stacks, "STACK_NET", course)
     told = dfdbench.fine("train stack-net --set steps=1 --threads 1").err
     assert "next         dfdbench run --method stack-net --dataset unseen-stack-7 --param" in told
+    told = dfdbench.fine("train stack-net --split test --set steps=1 --threads 1", *store).err
+    assert f"dfdbench run --method stack-net --dataset {store[1]} --split train --param" in told
 
 
 def test_volume_net_names_all_choices_that_it_has_not(dfdbench: Command) -> None:
@@ -130,7 +133,7 @@ def test_each_network_and_version_keeps_its_own_rendered_rooms(
         monkeypatch.setattr(module, name, replace(getattr(module, name), of_rooms=of_rooms))
         for version in ("1.0", "1.1"):
             monkeypatch.setattr(training, "PACKAGE_VERSION", version)
-            make = training._on_cameras(method, None, None, None, 0, {}, None)[1]
+            make = training._on_cameras(method, None, None, None, 0, {})[1]
             with pytest.raises(InterruptedError):
                 make(tmp_path / method)
     assert len(set(asked)) == 4
