@@ -356,9 +356,7 @@ def run_tracks(
     >>> found.table()  # doctest: +SKIP
     """
     if isinstance(dataset, Dataset):
-        fix = (
-            f"name the TOML file of a set of yours, or {dataset.manifest.short} if dfdbench has it"
-        )
+        fix = evaluate.by_name(dataset.manifest)
         raise InputError("tracks are built by a data set's name", where="dataset", fix=fix)
     check = _check_for_board(split) if for_board else None
     plain = evaluate.without_track(dataset, cache)

@@ -114,9 +114,17 @@ def without_track(dataset: str, cache: Path | str | None = None) -> Manifest:
         what = (
             "this is a store, and tracks are built from a set's manifest, each into its own store"
         )
-        fix = f"name the TOML file of a set of yours, or {manifest.short} if dfdbench has it"
-        raise InputError(what, where=dataset, fix=fix)
+        raise InputError(what, where=dataset, fix=by_name(manifest))
     return manifest
+
+
+def by_name(manifest: Manifest) -> str:
+    """Say how to name a data set of which a store is open."""
+    try:
+        find_manifest(manifest.short)
+    except UnknownNameError:
+        return "name its TOML file"
+    return f"name {manifest.short}"
 
 
 def labels_of(tracks: Iterable[str] | None) -> list[str]:

@@ -9,10 +9,11 @@ import pytest
 import dfdbench
 from dfdbench.api import run as evaluate
 from dfdbench.blur.law import BlurLaw
+from dfdbench.datasets.catalog import find_manifest
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.datasets.manifest_file import parse_manifest
 from dfdbench.errors import InputError, MethodError, ResultError, UnknownNameError
-from dfdbench.evaluation.evaluate import best_settings, score_predictions, without_track
+from dfdbench.evaluation.evaluate import best_settings, by_name, score_predictions, without_track
 from dfdbench.evaluation.predict import DepthPredictor
 from dfdbench.evaluation.run import run_method
 from dfdbench.methods.measured_law import Calibration
@@ -55,10 +56,12 @@ class Measured(Level):
 def test_of_a_built_set_the_tracks_are_had_by_its_toml_file(tiny_store: Dataset) -> None:
     given: list[Any] = [str(tiny_store.path), tiny_store]
     for each in given:
-        with pytest.raises(InputError, match="name the TOML file of a set of yours, or "):
+        with pytest.raises(InputError, match="Fix: name its TOML file"):
             dfdbench.run_tracks("constant", each)
     with pytest.raises(InputError, match="built from a set's manifest"):
         without_track(str(tiny_store.path))
+    for name in ("demo", "unseen-7"):
+        assert by_name(find_manifest(name)) == f"name {name}"
 
 
 def test_each_measured_law_lies_beside_the_run(tiny_store: Dataset, tmp_path: Path) -> None:
