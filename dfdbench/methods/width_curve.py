@@ -111,7 +111,8 @@ def grown_from_focus(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
     back to the widths of other levels. To find where, we compare it with curves that start at one
     level and never fall to either side, and take the one that is closest over all pixels. An end
     that has turned back by a tenth or more continues from there along the slope it had before. If
-    more levels turned back than had grown, it stays as it is: that is noise near the focus.
+    more levels turned back than had grown, and these to less than twice the least width, it stays
+    as it is: that is noise near the focus.
 
     Parameters
     ----------
@@ -134,7 +135,7 @@ def grown_from_focus(sigmas: Array, pixels: Array) -> NDArray[np.float64]:
     for side, held in ((found[focus:], best[focus:]), (found[focus::-1], best[focus::-1])):
         turn = int((held == held[-1]).argmax())
         back = held[-1] > _TURNED_BACK * side[turn:]
-        if back[-1] and back.sum() <= turn:
+        if back[-1] and (back.sum() <= turn or held[-1] > 2 * held[0]):
             start = max(turn - _STRAIGHT, 0)
             slope = (side[turn] - side[start]) / max(turn - start, 1)
             straight = side[turn] + slope * np.arange(len(side) - turn)

@@ -72,6 +72,11 @@ def test_noise_near_a_focus_at_the_far_end_does_not_make_that_end_grow() -> None
     curve += 0.1 * np.exp(-np.square((LEVEL - 45) / 6))
     pixels = np.where(LEVEL < 40, 100, 1000)
     assert_allclose(width_curve.grown_from_focus(curve, pixels), curve)
+    # It is no noise if the widths had grown sevenfold, however many levels are rare.
+    whole = np.minimum(0.45 + 0.04 * np.abs(LEVEL - 100), width_curve.LADDER[-1])
+    back = np.where(LEVEL > 170, 0.6, whole)
+    found = width_curve.grown_from_focus(back, np.where(LEVEL > 170, 30, 3000))
+    assert_allclose(found, whole)
 
 
 def bowls(widths: NDArray[Any]) -> NDArray[np.float64]:
