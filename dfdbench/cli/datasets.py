@@ -145,7 +145,7 @@ def cache_verb(context: Context, format: Printed = Format.table, cache: Cache = 
 
 def clear_cache(
     names: Annotated[
-        list[str] | None, Argument(help="downloads, stores, or names that `cache` lists.")
+        list[str] | None, Argument(help="downloads, stores, or names that are listed.")
     ] = None,
     yes: Annotated[bool, Option("--yes", help="Do not ask.")] = False,
     format: Facts = "table",
@@ -153,10 +153,19 @@ def clear_cache(
 ) -> None:
     """Remove downloads or built data sets from the cache; all of them if none is named."""
     entries = cache_entries(cache_folder(cache))
-    known = {*KINDS, *(entry.name for entry in entries)}
-    for name in {*(names or ())} - known:
-        raise unknown_name("entry of the cache", name, known)
-    chosen = [e for e in entries if not names or {e.kind, e.name} & {*names}]
+    stems = {heading.short: heading.stem for heading in catalog.released_headings()}
+    known = {*KINDS, *stems, *(entry.name for entry in entries)}
+    chosen = []
+    for name in names or KINDS:
+        on_track = name not in known and catalog.part_name(name)[1]
+        stem = catalog.find_manifest(name).stem if on_track else stems.get(name, name)
+        # A set of your own goes by its name without a version, too.
+        found = [e for e in entries if name in (e.kind, e.name, e.stem.rpartition("-")[0])]
+        found += [e for e in entries if e.stem == stem]
+        if not (found or on_track or name in known):
+            raise unknown_name("entry of the cache", name, known)
+        chosen += found
+    chosen = list(dict.fromkeys(chosen))
     for entry in chosen:
         say(f"  {entry.path}  {counted(entry.files, 'file')}, {decimal(entry.size)}")
     if chosen and not yes:

@@ -47,7 +47,7 @@ def test_the_cache_is_listed_and_cleared(dfdbench: Command, site: Site) -> None:
     dfdbench("build tiny-1.toml")
     track = own_stores()["tiny"].with_name("demo-1@noise-1.zarr")
     track.mkdir()
-    assert "removed 1 entries" in dfdbench("cache clear demo-1@noise-1.zarr --yes").out
+    assert "removed 1 entries" in dfdbench("cache clear demo@noise-1 --yes").out
     assert not track.exists()
     listed = dfdbench("cache").out
     assert "tiny-1.zarr" in listed
@@ -57,7 +57,8 @@ def test_the_cache_is_listed_and_cleared(dfdbench: Command, site: Site) -> None:
     assert "removed 1 entries" in dfdbench("cache clear stores --yes").out
     assert "tiny-1.zarr" not in dfdbench("cache").out
     assert dfdbench("build tiny-1.toml --offline").status == 0
-    assert "did you mean tiny-1" in dfdbench("cache clear tiny --yes").err
+    assert "removed 2 entries" in dfdbench("cache clear tiny --yes").out
+    dfdbench("build tiny-1.toml")
     assert "removed 2 entries" in dfdbench("cache clear --yes").out
     assert "nothing to remove" in dfdbench("cache clear --yes").out
 
