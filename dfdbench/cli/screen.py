@@ -65,11 +65,16 @@ def command(*words: object, **options: object) -> str:
     --------
     >>> command("report", "my run", out=None, format="csv", note=["a", "b"])
     "dfdbench report 'my run' --format csv --note a --note b"
+    >>> command("report", Path("-full"))
+    'dfdbench report ./-full'
     """
     for name, value in options.items():
         for each in value if isinstance(value, list) else [value] * (value is not None):
             words += (f"--{name}", each)
-    return shlex.join(map(str, ("dfdbench", *words)))
+    # A path that begins with a dash would be read as an option.
+    dashed = [isinstance(word, Path) and str(word).startswith("-") for word in words]
+    given = ("./" * dash + str(word) for dash, word in zip(dashed, words, strict=True))
+    return shlex.join(("dfdbench", *given))
 
 
 def say_stopped(stopped: KeyboardInterrupt, resumed: str = "") -> None:
