@@ -236,10 +236,11 @@ class Board:
     def late(self, draw: Draw) -> dict[tuple[str, str], str]:
         """Return the commits of a seed's rows that are not of its own, by data set and method."""
         return {
-            (row.dataset, path.stem): result.environment.git or "no commit"
+            (row.dataset, path.stem): str(commit or "no commit")
             for path, row in self.rows.items()
-            for result in row.results
-            if _seed_of(row) == draw.seed and result.environment.git != draw.commit
+            if _seed_of(row) == draw.seed
+            for commit in row.commits
+            if commit != draw.commit
         }
 
     def _context(self, board: ScoreBoard) -> dict[str, Any]:

@@ -200,6 +200,11 @@ class Row(Record):
         """
         return _manifest_of(self.dataset)
 
+    @property
+    def commits(self) -> list[JsonValue]:
+        """The commit of each run."""
+        return [run.environment.get("git", self.environment.git) for run in self.runs]
+
     @functools.cached_property
     def results(self) -> tuple[record.Result, ...]:
         """The runs, each as a result of its own; errors of pairs are not kept."""
