@@ -234,8 +234,8 @@ def refuse_alone(these: Mapping[str, object], needed: Mapping[str, object]) -> N
 
 def _given(values: Mapping[str, object]) -> str:
     # An empty text, as of an unset variable, was given.
-    nothing: tuple[object, ...] = (None, False, (), [])
-    return " and ".join(name for name, value in values.items() if value not in nothing)
+    none: tuple[object, ...] = (None, (), [])
+    return " and ".join(k for k, v in values.items() if v is not False and v not in none)
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str], fix: str = "") -> UnknownNameError:
