@@ -7,8 +7,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft, ndimage
 
 from dfdbench.errors import Problem, SourceError
 from dfdbench.system.files import LARGEST_ARRAY, read_as
@@ -38,7 +38,7 @@ def spectrum_sum(image: Image) -> float:
     100.0
     """
     grey = to_grey(image).astype(np.float64)
-    return float(np.abs(fft.fft2(grey)).sum() / grey.size)
+    return float(np.abs(scipy.fft.fft2(grey)).sum() / grey.size)
 
 
 def dct_sharpness(image: Image) -> float:
@@ -57,7 +57,7 @@ def dct_sharpness(image: Image) -> float:
     >>> dct_sharpness(np.full((8, 8), 100, np.uint8))
     0.015625
     """
-    coefficients = np.abs(fft.dctn(to_grey(image).astype(np.float64), norm="ortho"))
+    coefficients = np.abs(scipy.fft.dctn(to_grey(image).astype(np.float64), norm="ortho"))
     return float((coefficients >= 1).mean())
 
 
@@ -166,7 +166,7 @@ def without_dot(image: Image) -> Image:
     20
     """
     split, _ = cv2.threshold(image, 0, 255, cv2.THRESH_OTSU)
-    dot = ndimage.binary_dilation(image > split, iterations=_MARGIN)
+    dot = scipy.ndimage.binary_dilation(image > split, iterations=_MARGIN)
     return np.where(dot, int(image[~dot].mean()), image).astype(np.uint8)
 
 
