@@ -133,7 +133,7 @@ VERBS = {
 }
 
 
-# Of what pydantic says of an option's value.
+# What pydantic says about an option's value.
 _IN_OUR_WORDS = {
     r"^Value error, ": "",
     r"^Input should be greater than or equal to (\S+)$": r"must be \1 or more",
@@ -155,8 +155,8 @@ class LazyGroup(TyperGroup):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the group's own options."""
         for option in self.get_params(ctx):
-            # For typer's own flags, which are None where they are not given, it would import
-            # pydantic: as long as numpy takes.
+            # For typer's own flags, which are None if not given, it would import pydantic, which
+            # takes as long as numpy.
             if getattr(option, "is_flag", False) and option.default is None:
                 option.default = False
         return super().parse_args(ctx, args)
@@ -166,14 +166,14 @@ class LazyGroup(TyperGroup):
         return list(self.verbs)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a verb; None where there is no such."""
+        """Return a verb; None if there is no such verb."""
         if cmd_name in self.verbs and cmd_name not in self.commands:
             self.commands[cmd_name] = self.verbs[cmd_name].load(cmd_name)
         return self.commands.get(cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return a verb and what is left for it; of an unknown one the near misses are named."""
-        # Known before the verb is imported, which takes long enough to be stopped in.
+        """Return a verb and its arguments; for an unknown verb, name the near misses."""
+        # Set before the verb is imported, which takes long enough for a Ctrl-C.
         ctx.invoked_subcommand = args[0]
         near = [] if args[0] in self.verbs else get_close_matches(args[0], self.verbs)
         if near:
@@ -183,7 +183,7 @@ class LazyGroup(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         """Call the verb; Ctrl-C anywhere in it ends the command with status 130.
 
-        A reader of a pipe that has enough, head for example, ends it with status 0.
+        If the reader of a pipe closes it, as `head` does, the status is 0.
         """
         try:
             return super().invoke(ctx)
@@ -199,7 +199,7 @@ class LazyGroup(TyperGroup):
             raise Exit(INTERRUPTED) from None
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the verbs and what each does, none of them imported."""
+        """Write the verbs and what each does, without importing them."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, verb.summary) for name, verb in self.verbs.items()])
 
@@ -225,7 +225,7 @@ def main() -> None:
     """Run the command line; a user's mistake ends with a message and status 2."""
     screen.spell_out_what_cannot_be_shown()
     keep_quiet_of_abandoned_tasks()
-    # A run's tables have its warnings.
+    # A run's tables show its warnings.
     warnings.filterwarnings("ignore", module=r"dfdbench\.cli\.")
     # Figures go into files: no variable names a screen for them.
     os.environ["MPLBACKEND"] = "agg"
@@ -233,7 +233,7 @@ def main() -> None:
         try:
             app()
         finally:
-            # Here and not at the interpreter's end, where a full disk can no longer be reported.
+            # Now, because at exit a full disk can no longer be reported.
             sys.stdout.flush()
     except DfdbenchError as error:
         screen.say(f"error: {error}")

@@ -23,7 +23,7 @@ from dfdbench.statuses import NO
 from dfdbench.tables.table import Format, Table, counted
 
 _CONSTANT = "constant"
-#: What is tested one by one against the others.
+#: Parts of which each is tested against all others.
 Each = Literal["scene", "fold"]
 CriterionOption = Annotated[
     cover.Criterion, Option(help="What makes a level uncovered; either: both are applied.")
@@ -89,7 +89,7 @@ def _errors(store: Dataset, places: list[Path], figure: Path | None) -> list[Tab
 
 
 def _told_apart(runs: Sequence[tuple[str, Path, Result]]) -> Iterator[tuple[str, Path, Result]]:
-    """Yield runs under their names; those of one name get their folders', too."""
+    """Yield runs by name; where names are equal, add the folders'."""
     labels = [label for label, *_ in runs]
     for label, folder, result in runs:
         yield f"{label}, {folder}" if labels.count(label) > 1 else label, folder, result
@@ -104,7 +104,7 @@ def _constant(store: Dataset, result: Result) -> list[run_errors.DepthErrors]:
 
     try:
         level = training_mean(store, result.dataset.split)
-    except StoreError:  # nothing to train on: then there is no constant to stand beside
+    except StoreError:  # without training captures there is no constant to compare with
         return []
     return [run_errors.constant_errors(store, result, level, _CONSTANT)]
 
@@ -169,7 +169,7 @@ def _answer_bound(
 
 
 def _runs_on(store: Dataset, split: str, places: list[Path]) -> dict[str, Result]:
-    """Return results by name that are of a split of this very store: of runs, of a board's rows."""
+    """Return results on a split of this store by name: of runs, or of a board's rows."""
     runs: list[tuple[str, Path, Result]] = []
     for place in places:
         if place.is_file() or (place / RESULT).is_file():
@@ -246,7 +246,7 @@ def coverage(
     out: Out = None,
     format: Printed = Format.table,
 ) -> None:
-    """Ask whether training covers the depths of the test; status 1 where it does not."""
+    """Ask whether training covers the depths of the test; status 1 if it does not."""
     rule = cover.Rule(criterion, allow, density_factor, density_floor)
     run = load_result(result) if result else None
     if not dataset and not result:

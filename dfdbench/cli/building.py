@@ -55,11 +55,11 @@ def build(
     format: options.Facts = "table",
     cache: options.Cache = None,
 ) -> None:
-    """Build a data set; what is fetched or finished already is kept."""
+    """Build a data set; what is already downloaded or finished is kept."""
     from dfdbench.building.obtaining import build_dataset, steps_of
 
     if store and store.startswith("memory:"):
-        # From Python it is as good a place as any other.
+        # Only from Python does it outlive the call.
         raise InputError(f"a store in memory ends with this command: {store}", where="--store")
     report = build_dataset(
         name,

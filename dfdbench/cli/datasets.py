@@ -79,7 +79,7 @@ def _cells(record: dict[str, object]) -> tuple[str, ...]:
 
 
 def _own(cache: Path | None) -> list[dict[str, object]]:
-    """Return the records of the sets of one's own in the cache."""
+    """Return records of the user's own sets in the cache."""
     # As for released sets, tracks are not listed one by one.
     found = {name: path for name, path in catalog.own_stores(cache).items() if "@" not in name}
     if not found:
@@ -87,7 +87,7 @@ def _own(cache: Path | None) -> list[dict[str, object]]:
     from dfdbench.datasets.dataset import Dataset
 
     rows = []
-    # Of two names of one store the one without a version is to be typed.
+    # Of a store's two names, show the one without a version, which users type.
     shortest = {found[name]: name for name in sorted(found, key=len, reverse=True)}
     for path, name in sorted(shortest.items()):
         try:
@@ -130,7 +130,7 @@ def verify(
 
 
 def cache_verb(context: Context, format: Printed = Format.table, cache: Cache = None) -> None:
-    """List what lies in the cache: downloads and built data sets; `clear` removes it."""
+    """List what is in the cache: downloads and built data sets; `clear` removes it."""
     if context.invoked_subcommand is not None:
         return
     folder = cache_folder(cache)
@@ -159,7 +159,7 @@ def clear_cache(
     for name in names or KINDS:
         on_track = name not in known and catalog.part_name(name)[1]
         stem = catalog.find_manifest(name).stem if on_track else stems.get(name, name)
-        # A set of your own goes by its name without a version, too.
+        # The user's own sets may be named without their version, too.
         found = [e for e in entries if name in (e.kind, e.name, e.stem.rpartition("-")[0])]
         found += [e for e in entries if e.stem == stem]
         if not (found or on_track or name in known):
@@ -201,11 +201,11 @@ def info(
     store = None
     place = catalog.place_of(name, cache)
     if place is None and catalog.find_manifest(name).find_scenes:
-        # Only what was built knows its scenes.
+        # Only the store knows its scenes.
         usual = catalog.default_store(catalog.find_manifest(name), cache)
         place = usual if usual.exists() else None
     if place:
-        # A manifest shows all it knows without the libraries that read arrays.
+        # A manifest can be shown without the libraries that read arrays.
         from dfdbench.datasets.dataset import Dataset
 
         store = Dataset(place)
@@ -340,7 +340,7 @@ def _show_manifest(manifest: Manifest, format: str, cache: Path | None) -> None:
     show(format, text="\n".join(lines), manifest=_as_data(manifest), store=store)
 
 
-#: Of the environment, what changes how libraries and dfdbench itself work.
+#: Environment variables that change how libraries and dfdbench itself work.
 _VARIABLES = (
     "DFDBENCH_CACHE", "DFDBENCH_SHARED_DATA", "OMP_NUM_THREADS", "NUMBA_CACHE_DIR",
     "NUMBA_NUM_THREADS", "NUMBA_DISABLE_JIT", "CUDA_VISIBLE_DEVICES",
@@ -363,7 +363,7 @@ def doctor(
     from dfdbench.results.environment import describe_environment
 
     nets = list(_nets())
-    # PyTorch is imported by now, so that its threads and its GPU are seen.
+    # PyTorch is imported by now, so its threads and GPU are shown.
     found = describe_environment()
     rows = [*_system(found), *nets, *_extras(), *_place(cache_folder(cache))]
     rows += [_compiled(), *((name, os.environ[name]) for name in _VARIABLES if name in os.environ)]
@@ -417,6 +417,6 @@ def _place(folder: Path) -> Iterator[tuple[str, str]]:
 def _compiled() -> tuple[str, str]:
     from dfdbench.metrics.similarity import mean_similarity
 
-    # Of one module; unless a variable says otherwise, numba has a folder for each.
+    # One module's: unless a variable says otherwise, numba has a folder for each.
     place = mean_similarity.stats.cache_path
     return "compiled code", place or "not cached, so each command compiles: set DFDBENCH_CACHE"

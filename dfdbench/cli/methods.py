@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from dfdbench.evaluation.map_files import KeptMaps
     from dfdbench.evaluation.predict import DepthPredictor, Estimate
 
-#: What an ONNX file keeps of a network's parameters.
+#: The parameters of an exported network.
 KEPT = "weights or readout"
 
 
@@ -105,7 +105,7 @@ def predict(
 def _check_places(
     out: Path, figure: Path | None, folder: bool, inputs: Sequence[Path | None]
 ) -> None:
-    """Refuse before the work what could not be written after it."""
+    """Refuse, before the work, places that cannot be written."""
     from dfdbench.evaluation.map_files import MAPS, require_map
 
     refuse_both({"a folder of pairs": folder}, {"--figure": figure})
@@ -187,7 +187,7 @@ def _predict_folder(
                 continue
             files[name] = out
             yield name, estimate
-        # A test server takes no zip that lacks a map.
+        # A test server rejects a zip that lacks a map.
         if zipped:
             MethodError.raise_if(_together(failed))
 
@@ -221,7 +221,7 @@ def _maps_in(folder: Path, predictor: DepthPredictor) -> KeptMaps:
 
 
 def _together(problems: Sequence[Problem]) -> list[Problem]:
-    """Return problems, those that are the same of several captures as one."""
+    """Return problems; those that several captures share become one."""
     places = grouped((replace(problem, where=""), problem.where) for problem in problems)
     return [replace(one, where=listed(found, most=5)) for one, found in places.items()]
 

@@ -19,7 +19,7 @@ from dfdbench.tables.table import Format
 
 
 def data_sets(incomplete: str) -> list[str]:
-    """Return the names of data sets that begin so; behind an ``@`` those of their tracks.
+    """Return the names of data sets that start with a text; after an ``@``, of their tracks.
 
     Examples
     --------
@@ -38,7 +38,7 @@ def data_sets(incomplete: str) -> list[str]:
 
 
 def methods(incomplete: str) -> list[str]:
-    """Return the names of the registered methods that begin so.
+    """Return the names of the registered methods that start with a text.
 
     Examples
     --------
@@ -81,7 +81,7 @@ Protocol = Annotated[
 Out = Annotated[str | None, Option(help="Folder; default: below results/.")]
 TrainingOut = Annotated[str | None, Option(help="Folder; default: below training/.")]
 Printed = Annotated[Format, Option(help="How the tables are printed.")]
-#: Of an answer that is no table.
+#: For answers that are not tables.
 Facts = Annotated[
     Literal["table", "json"], Option("--format", help="Lines for people, or facts as JSON.")
 ]
@@ -106,7 +106,7 @@ Scheduler = Annotated[
 
 
 class FigureFormat(StrEnum):
-    """A form of figures for papers, beside PNG; Typer takes no list of literals."""
+    """A figure format for papers, besides PNG; Typer takes no list of literals."""
 
     pdf = "pdf"
     svg = "svg"
@@ -122,12 +122,12 @@ Submit = Annotated[
 
 
 def values_of(given: list[str] | None, option: str) -> dict[str, Any]:
-    """Return what a repeated ``NAME=VALUE`` option asks for, values as `value_of` reads them.
+    """Return the names and values of a repeated ``NAME=VALUE`` option, read by `value_of`.
 
     Raises
     ------
     InputError
-        Where one has no name or no value, all of them named; where a value is broken JSON.
+        If one has no name or no value (all such are named), or a value is broken JSON.
 
     Examples
     --------
@@ -144,12 +144,12 @@ def values_of(given: list[str] | None, option: str) -> dict[str, Any]:
 
 
 def value_of(text: str, where: str) -> Any:
-    """Return text read as JSON where it is JSON, else as it is.
+    """Return a text parsed as JSON if it is JSON, else unchanged.
 
     Raises
     ------
     InputError
-        Where it begins as an object or a list of JSON, and is none.
+        If it starts like a JSON object or list but is not one.
     """
     try:
         return parse_json(text)
@@ -164,7 +164,7 @@ def value_of(text: str, where: str) -> Any:
 
 
 def several(values: Any, where: str) -> list[Any]:
-    """Return what is to be tried: values between commas, each as `value_of` reads it.
+    """Return the values to try: a text is split at commas, each part read by `value_of`.
 
     Examples
     --------
@@ -182,18 +182,18 @@ def pool_of(workers: int | None, scheduler: str | None = None) -> Pool:
     Raises
     ------
     InputError
-        Where both are named: a cluster has its own number of workers.
+        If both are given: a cluster has its own number of workers.
     """
     return _cluster(workers, scheduler) or Threads(workers or os.cpu_count() or 1)
 
 
 def pool_of_processes(workers: int | None, scheduler: str | None) -> Pool | None:
-    """Return where others' methods are called; None for this process, one pair at a time.
+    """Return where methods are called; None for this process, one pair at a time.
 
     Raises
     ------
     InputError
-        As `pool_of` does.
+        As for `pool_of`.
     """
     here = Processes(workers) if workers and workers > 1 else None
     return _cluster(workers, scheduler) or here
@@ -201,11 +201,11 @@ def pool_of_processes(workers: int | None, scheduler: str | None) -> Pool | None
 
 def _cluster(workers: int | None, scheduler: str | None) -> Cluster | None:
     refuse_both({"--scheduler": scheduler}, {"--workers": workers})
-    # An empty address, as of an unset variable, is refused and not a run on this machine.
+    # An empty address, from an unset variable say, is a mistake: do not run on this machine.
     return None if scheduler is None else Cluster(scheduler)
 
 
-#: A longer one is a slip of the unit.
+#: A longer pixel is a mistake in the unit.
 LARGEST_PIXEL = "1mm"
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}
 _LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
@@ -221,14 +221,14 @@ def parse_length(text: str, where: str, unit: str = "", at_most: str = "") -> fl
     where : str
         What the length is, for the message: an option, say.
     unit : str, optional
-        The unit of a number that bears none; by default such a number is refused.
+        The unit of a number without one; by default such a number is refused.
     at_most : str, optional
-        The longest that can be meant, as a length with its unit.
+        The longest plausible length, with its unit.
 
     Raises
     ------
     InputError
-        Where the text is no positive length, its unit is not known, or it is too long.
+        If the text is not a positive length, its unit is unknown, or it is too long.
 
     Examples
     --------

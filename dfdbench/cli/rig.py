@@ -25,7 +25,7 @@ from dfdbench.rig import geometry, registration
 from dfdbench.simulation import board_scene
 from dfdbench.tables.table import Format, Table, counted
 
-# Rows of a table of blur, and pairs of voltage steps that are drawn.
+# Rows of the table of blur, and how many pairs of voltage steps are drawn.
 _ROWS, _DRAWN = 20, 3
 OVERLAY = "registration.png"
 _T = TypeVar("_T")
@@ -55,7 +55,7 @@ def blur(
     if near <= lens.focal_length:
         what = f"no real image within the focal length, {focal_length}: {' '.join(range)}"
         raise InputError(what, where="--range")
-    # A figure that cannot be kept is refused before anything is printed.
+    # Refuse a figure that cannot be written before anything is printed.
     save_figure(camera.blur_figure(lens, near, far), out)
     show(format, [_blur_table(lens, near, far)], figure=out)
 
@@ -272,7 +272,7 @@ def simulate_realworld(
     or 1,
     format: Facts = "table",
 ) -> None:
-    """Simulate raw captures of the real-world set: frames, LIDAR scans, and the truth beside."""
+    """Simulate raw captures of the real-world set: frames, LIDAR scans, and the truth."""
     output_place(out)
     manifest = find_manifest("realworld")
     capture = capture_of(manifest)
@@ -324,7 +324,7 @@ def capture_of(manifest: Manifest) -> Recording:
     Raises
     ------
     InputError
-        Where it was not captured by the rig.
+        If the rig did not capture it.
     """
     if manifest.capture is None:
         raise InputError(f"{manifest.short} was not captured by the rig", where="--dataset")
@@ -337,7 +337,7 @@ def chosen(text: str, where: str, known: Sequence[_T]) -> tuple[_T, ...]:
     Raises
     ------
     UnknownNameError
-        If it names what is not known.
+        If it names something unknown.
     InputError
         If a span goes backwards.
 

@@ -1,4 +1,4 @@
-"""What every verb shows its work with: messages, tables, figures, progress, files of answers."""
+"""How verbs show their work: messages, tables, figures, progress, files."""
 
 from __future__ import annotations
 
@@ -24,42 +24,42 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 
-#: How the file of a figure may end.
+#: The suffixes of figures.
 PICTURES = (".png", ".pdf", ".svg")
-#: How most work that was stopped is taken up.
+#: How to resume most work.
 GOES_ON = "the same command goes on from here"
-#: How work that was begun afresh is.
+#: How to resume work that was started with --fresh.
 WITHOUT_FRESH = "the same command without --fresh goes on from here"
-#: Where no bar can be drawn, a line this often says how far the work is.
+# Without a terminal for a bar, a line says this often how far the work is.
 _LINE_SECONDS = 60.0
-#: Work taken over from an earlier call is gone through in less.
+# Going through what an earlier call finished takes less than this.
 _TAKEN_OVER_SECONDS = 5.0
 _ALIKE = str.maketrans("µμ–—−×±°↓↑→≤≥δσ²³…", "uu---x+ov^><>ds23.")
 
 
 def spell_out_what_cannot_be_shown() -> None:
-    """Print what the terminal's encoding lacks as a letter like it, or as Python spells it."""
+    """Print characters that the terminal's encoding lacks as similar ones, or escaped."""
     codecs.register_error("alike", _alike)
     for stream in (sys.stdout, sys.stderr):
-        # A test or a caller may have put something else in their place.
+        # Tests and callers may have replaced them.
         if isinstance(stream, TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
             stream.reconfigure(errors="alike")
 
 
 def _alike(error: UnicodeError) -> tuple[str, int]:
     assert isinstance(error, UnicodeEncodeError)
-    # As wide as what it stands for: by then the columns of tables are laid out.
+    # Of the same width, since tables are already laid out.
     text = error.object[error.start : error.end].translate(_ALIKE)
     return text.encode("ascii", "backslashreplace").decode(), error.end
 
 
 def say(text: str) -> None:
-    """Print to standard error: what is not the answer itself."""
+    """Print to standard error: anything but the answer itself."""
     print(text, file=sys.stderr)
 
 
 def command(*words: object, **options: object) -> str:
-    """Return a command of ours as a shell takes it; an option that is None is left out.
+    """Return a dfdbench command, quoted for a shell; options that are None are left out.
 
     Examples
     --------
@@ -78,17 +78,16 @@ def command(*words: object, **options: object) -> str:
 
 
 def say_stopped(stopped: KeyboardInterrupt, resumed: str = "") -> None:
-    """Say that Ctrl-C ended the work, and how it goes on.
+    """Say that Ctrl-C stopped the work, and how to resume it.
 
-    The notes that the interrupted work has added to the exception know that best; where there are
-    none, it is as `resumed` has it.
+    If the interrupted work added notes to the exception, they say how; otherwise `resumed` does.
     """
     say("; ".join(("stopped", *(getattr(stopped, "__notes__", ()) or [resumed] * bool(resumed)))))
 
 
 def end_unread() -> NoReturn:
-    """End the command where the reader of a pipe, head for example, has enough: no mistake."""
-    # Nothing more may be written, not even what Python would say of that as it ends.
+    """End the command because the reader of a pipe, such as `head`, closed it: no mistake."""
+    # Write nothing more, not even Python's own message at exit.
     sys.stderr.close()
     os._exit(DONE)
 
@@ -107,8 +106,8 @@ def print_table(table: Table) -> None:
             raise BrokenPipeError
 
     console = Unread()
-    # Piped or captured there is no terminal to fit: lines are as long as they need be. On a
-    # narrow one some columns go first; then the terminal wraps the rows, which loses nothing.
+    # Without a terminal, lines may be as long as they need. For a narrow one, some columns are
+    # left out first; then the terminal wraps the rows, which loses nothing.
     width = console.width if sys.stdout.isatty() else 200
     if least_width(table) > width:
         table = without(table, "std", "scenes")
@@ -118,20 +117,20 @@ def print_table(table: Table) -> None:
 
 
 def show(format: str | None, tables: Sequence[Table] = (), text: str = "", **facts: object) -> None:
-    """Print an answer to standard output: to people its tables and text, as JSON all facts.
+    """Print an answer to standard output: tables and text for people, or all facts as JSON.
 
     Parameters
     ----------
     format : str or None
         A `Format`; None for the terminal's.
     tables : sequence of Table
-        What is shown of it in any form.
+        Shown in every format.
     text : str
-        Lines below the tables; neither JSON nor CSV has room for them.
+        Lines below the tables; left out of JSON and CSV.
     **facts
-        The same as data, and what only a script wants: in JSON, beside the tables.
+        The same as data, and what only scripts need; in JSON, beside the tables.
     """
-    # Rich, and what renders, are imported where something is printed.
+    # Rich and the renderers are slow to import, and not every form needs them.
     form = Format(format or Format.table)
     if form is Format.table:
         for table in tables:
@@ -145,24 +144,24 @@ def show(format: str | None, tables: Sequence[Table] = (), text: str = "", **fac
 
 
 def require_picture(path: Path) -> None:
-    """Do nothing where a file's name is that of a figure.
+    """Refuse a file whose name is not a figure's.
 
     Raises
     ------
     InputError
-        Where it ends otherwise.
+        If it has another suffix.
     """
     if path.suffix.lower() not in PICTURES:
         raise InputError(f"not a picture's name, {', '.join(PICTURES)}", where=str(path))
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Draw a figure into a PNG, PDF or SVG file and say where it lies; no others are replaced.
+    """Write a figure as a PNG, PDF or SVG file and say where; refuse to replace other files.
 
     Raises
     ------
     InputError
-        Where the file is to be something else.
+        If the name is of another kind of file, or such a file is there.
     """
     from dfdbench.figures.style import write_figure
     from dfdbench.results.output_place import output_place
@@ -177,9 +176,8 @@ def save_figure(figure: Figure, path: Path) -> None:
 def progress(what: str, resumed: str = GOES_ON) -> Iterator[Callable[..., None]]:
     """Show a bar while the block runs; without a terminal, print a line a minute for the log.
 
-    The block calls what it is given with (done, total), with bytes or a score besides.
-    Ctrl-C ends the command with status 130 and says how it goes on: in the notes that the
-    interrupted work has added to the exception, else as `resumed` has it.
+    The block calls what it gets with (done, total), and with bytes or a score if it has them.
+    Ctrl-C ends the command with status 130 and says how to resume it: see `say_stopped`.
     """
     from rich.filesize import decimal
 
@@ -194,7 +192,7 @@ def progress(what: str, resumed: str = GOES_ON) -> Iterator[Callable[..., None]]
             bar.update(task, completed=done, total=total, more=more)
             now = time.monotonic()
             if first is None or now - opened < _TAKEN_OVER_SECONDS:
-                # Work taken over from an earlier call tells nothing of the speed.
+                # What an earlier call finished says nothing about the speed.
                 first, begun = done, now
             if not bar.disable or now - said < _LINE_SECONDS:
                 return
@@ -235,7 +233,7 @@ def _minutes(seconds: float) -> str:
     return f"{whole} min" if whole < 60 else f"{whole // 60} h {whole % 60:02} min"
 
 
-#: By name; the first is the whole answer as JSON.
+#: Files by name; the first is the whole answer as JSON.
 Files = Mapping[str, "str | Figure"]
 
 
@@ -247,7 +245,7 @@ def give(
     Parameters
     ----------
     tables : sequence of Table
-        What is shown of it.
+        The answer's tables.
     format : Format
         How it is printed.
     folder : Path

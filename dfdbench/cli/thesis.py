@@ -255,7 +255,7 @@ def architecture(
     say(f"select on    {plan.selected_on}")
     pool = options.pool_of_processes(workers, scheduler)
     if threads is None and workers and workers > 1:
-        # Several trainings that each take every core would wait for each other.
+        # Several trainings that each use every core would slow each other down.
         threads = max(1, (os.cpu_count() or 1) // workers)
     training.use_threads(threads)
     with progress("trainings of the search") as bar:

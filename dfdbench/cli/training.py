@@ -113,14 +113,14 @@ def _on_cameras(
     seed: int,
     changes: Mapping[str, Any],
 ) -> tuple[str, Callable[[Path], Trainee]]:
-    """Return how a training of cameras is called, and what makes its learner for a folder."""
+    """Return the label of a training on cameras, and what makes its learner in a folder."""
     from dfdbench.methods.networks.weights import load_weights
     from dfdbench.training import cameras, stacks, volumes
 
     course: cameras.Course[Any] = stacks.STACK_NET if method == "stack-net" else volumes.VOLUME_NET
     steps = cameras.steps_of(course, changes)
     if start:
-        # Refused before examples are made, which takes long.
+        # Refuse this before making examples, which takes long.
         load_weights(start, method)
 
     def make(folder: Path) -> Trainee:
@@ -131,7 +131,7 @@ def _on_cameras(
             trained_on = f"{stem}, split {trained}"
         else:
             resumed = "the same command goes on, at most a camera back"
-            # Another version, or the other network, makes other examples of the same names.
+            # Another version, or the other network, makes different examples of the same names.
             kept = folder.parent / "examples" / f"{method}-{PACKAGE_VERSION}"
             with progress("rendering rooms", resumed) as bar:
                 examples = course.of_rooms(kept, bar)
@@ -178,7 +178,7 @@ def _tell(outcome: TrainingOutcome, then: str) -> None:
 
 
 def card_table(card: Card) -> Table:
-    """Return what a training came to as a table."""
+    """Return the outcome of a training as a table."""
     machine = f"{card.environment['processor']}, threads {card.environment['threads']}"
     rows = [
         ("parameters", f"{card.parameters:,}"),
@@ -194,7 +194,7 @@ def card_table(card: Card) -> Table:
 
 
 def patches_table(drawn: Selections) -> Table:
-    """Return from which pair the fewest and the most patches were drawn."""
+    """Return a table of the pairs from which the fewest and the most patches were drawn."""
     patches = drawn.patches
     rows = [("mean", f"{patches.mean():,.2f}", f"{len(patches)} pairs")]
     for name, number in (("least", int(patches.argmin())), ("most", int(patches.argmax()))):
@@ -204,11 +204,11 @@ def patches_table(drawn: Selections) -> Table:
 
 
 def _folder(place: str | Path, start: Path | None, resume: bool, fresh: bool) -> TrainingFolder:
-    """Return the folder of a training, or refuse one that holds what may not be lost."""
+    """Return the folder of a training; refuse one with files that must not be lost."""
     from dfdbench.training.trainer import TrainingFolder
 
     refuse_both({"--resume": resume}, {"--fresh": fresh})
-    # --fresh removes an earlier training, and must not remove the weights to begin with.
+    # --fresh removes an earlier training, but not the weights that this one starts from.
     folder = output_place(place, start if fresh else None, replaces=True)
     training, another = TrainingFolder(folder), "choose another with --out DIR"
     what, fix = "", another
@@ -226,7 +226,7 @@ def _folder(place: str | Path, start: Path | None, resume: bool, fresh: bool) ->
     return training
 
 
-#: Rooms for a network that was trained on others.
+#: Rooms that a network trained on cameras has not seen.
 _UNSEEN = {"stack-net": "unseen-stack-7", "volume-net": "unseen-7"}
 RESUMED = "--resume goes on from the last checkpoint, at most a minute back"
 #: More than any machine has; a library that is asked for millions of them is killed.
@@ -263,7 +263,7 @@ def seconds_of(text: str | None) -> float | None:
     Raises
     ------
     InputError
-        Where it is none.
+        If it is not a duration.
 
     Examples
     --------
@@ -280,7 +280,7 @@ def seconds_of(text: str | None) -> float | None:
 
 
 def use_threads(threads: int | None) -> None:
-    """Let PyTorch use this many processor threads; None leaves its choice."""
+    """Let PyTorch use this many processor threads; None leaves the choice to it."""
     if threads is not None:
         import torch
 
