@@ -146,13 +146,16 @@ class Cluster(Pool):
     Raises
     ------
     InputError
-        From `map`, if dask.distributed is not installed, no scheduler answers, or it goes away.
+        From `map`, if dask.distributed is not installed, no scheduler answers, it goes away, or
+        the same item ends one worker after another.
     """
 
     address: str
 
     def _as_done(self, function: Callable[[Item], Outcome], items: Sequence[Item]) -> Done[Outcome]:
         with _client(self.address) as (client, as_completed):
+            from distributed import KilledWorker
+
             if not client.scheduler_info()["workers"]:
                 what = f"no worker is connected to {self.address} yet; dask worker starts one"
                 warnings.warn(what, stacklevel=2)
@@ -164,6 +167,10 @@ class Cluster(Pool):
                     if future.cancelled():
                         raise _gone(self.address)
                     yield place[future.key], outcome
+            except KilledWorker as error:
+                what = "workers ended without a word: out of memory, or the code ended the process"
+                fix = "their logs say more; what is done is kept, and the same command goes on"
+                raise InputError(what, where=f"--scheduler {self.address}", fix=fix) from error
             finally:
                 if client.status == "running":
                     client.cancel(sent)

@@ -154,6 +154,19 @@ def test_a_scheduler_that_goes_away_is_told() -> None:
     assert said == [0]
 
 
+@pytest.mark.slow
+@ON_SERVERS
+def test_work_that_ends_its_workers_is_told() -> None:
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        LocalCluster(  # type: ignore[no-untyped-call]
+            n_workers=1, threads_per_worker=1, dashboard_address=None
+        ) as cluster,
+        pytest.raises(InputError, match="workers ended without a word"),
+    ):
+        Cluster(cluster.scheduler_address).map(os._exit, [3])
+
+
 @ON_SERVERS
 def test_a_cluster_without_workers_is_told_and_waited_for() -> None:
     with LocalCluster(  # type: ignore[no-untyped-call]
