@@ -9,7 +9,7 @@ from typing import Any
 
 import numba
 
-from dfdbench.errors import InputError
+from dfdbench.errors import InputError, reason_of
 from dfdbench.system.cache import cache_folder
 from dfdbench.system.parallel import Item, Outcome, Threads
 
@@ -29,7 +29,8 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     -----
     Numba caches in ``NUMBA_CACHE_DIR``, else beside the source; if the package is read-only, the
     machine code goes into our own cache folder. If none of these is writable, as in a container
-    without a home, the function is compiled without a cache, and one warning is logged.
+    without a home, the function is compiled without a cache, and one warning is logged. So it is
+    if the disk is full.
 
     Examples
     --------
@@ -48,13 +49,15 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             for place in ([named] if named or beside else []) + [_own_place()]:
                 config.CACHE_DIR = place
                 try:
-                    return numba.njit(cache=True, nogil=True, **options)(function)
+                    return _kept_if_there_is_room(
+                        numba.njit(cache=True, nogil=True, **options)(function)
+                    )
                 except RuntimeError:
                     continue
         finally:
             # The setting is global, so restore it for other packages' functions.
             config.CACHE_DIR = named
-        _warn_once()
+        _warn_once("set DFDBENCH_CACHE to a folder that you can write to")
         return numba.njit(nogil=True, **options)(function)
 
     return decorate
@@ -90,11 +93,26 @@ def _own_place() -> str:
         return ""
 
 
+def _kept_if_there_is_room(compiled: Any) -> Any:
+    # With NUMBA_DISABLE_JIT it is the function itself.
+    if not hasattr(compiled, "_cache"):
+        return compiled
+    save = compiled._cache.save_overload
+
+    def try_to_save(*given: Any) -> None:
+        # Raised here, it would look as if the caller's own files could not be written.
+        try:
+            save(*given)
+        except OSError as error:
+            _warn_once(f"{reason_of(error)}: set NUMBA_CACHE_DIR to a folder with room")
+
+    compiled._cache.save_overload = try_to_save
+    return compiled
+
+
 @cache
-def _warn_once() -> None:
+def _warn_once(fix: str) -> None:
     # Each worker would repeat it.
     if parent_process() is None:
-        logging.getLogger("dfdbench").warning(
-            "warning: compiled code cannot be cached, so each command compiles it again; "
-            "set DFDBENCH_CACHE to a folder that you can write to"
-        )
+        what = "compiled code cannot be cached, so each command compiles it again"
+        logging.getLogger("dfdbench").warning("warning: %s; %s", what, fix)

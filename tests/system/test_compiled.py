@@ -44,6 +44,18 @@ def test_without_a_place_for_a_cache_it_compiles_and_warns_once(tmp_path: Path) 
 
 
 @pytest.mark.slow
+def test_where_the_cache_has_no_room_it_compiles_and_warns_once(tmp_path: Path) -> None:
+    (tmp_path / "kernels.py").write_text(SUM)
+    # A file may have no bytes, as on a full disk.
+    limited = f"import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n{CALL}"
+    path = f"{tmp_path}{os.pathsep}{PACKAGE.parent}"
+    done = python("-c", limited, NUMBA_CACHE_DIR=str(tmp_path / "cache"), PYTHONPATH=path)
+    assert (done.stdout[:4], done.stderr.count("\n")) == ("6 6 ", 1)
+    assert "cannot be cached" in done.stderr
+    assert "NUMBA_CACHE_DIR" in done.stderr
+
+
+@pytest.mark.slow
 def test_beside_a_source_that_is_read_only_it_caches_in_our_own_folder(tmp_path: Path) -> None:
     place = tmp_path / "cache"
     done = call(tmp_path, place)
