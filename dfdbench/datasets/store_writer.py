@@ -238,7 +238,7 @@ def disk_errors(place: UPath) -> Iterator[None]:
         # Object store libraries raise their own errors: unreachable, forbidden, no bucket.
         if location.is_local(place) and not isinstance(error, OSError):
             raise
-        fix = room_or("choose another place with --store PATH", error)
+        fix = room_or("choose another place with --store PATH, or --cache DIR", error)
         fix += "; the same command goes on where it stopped"
         what = "cannot write the store"
         raise StoreError(what, where=str(place), got=reason_of(error), fix=fix) from error

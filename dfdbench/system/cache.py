@@ -1,13 +1,15 @@
 """The folder for downloads and built data sets, and its contents."""
 
+import contextlib
 import os
 import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import platformdirs
 
-from dfdbench.errors import InputError, Problem, StoreError
+from dfdbench.errors import InputError, Problem, StoreError, reason_of
 from dfdbench.system.files import hold, is_address
 
 DOWNLOADS = "downloads"
@@ -91,9 +93,17 @@ def cache_entries(folder: Path) -> tuple[CacheEntry, ...]:
         place = folder / kind
         for path in sorted(place.iterdir()) if place.is_dir() else ():
             if path.is_dir():
-                sizes = [file.stat().st_size for file in path.rglob("*") if file.is_file()]
+                sizes = list(_sizes_in(path))
                 entries.append(CacheEntry(kind, path.name, len(sizes), sum(sizes), path))
     return tuple(entries)
+
+
+def _sizes_in(folder: Path) -> Iterator[int]:
+    # A build or a removal may go on beside this: what it takes away is passed over.
+    for place, _, names in os.walk(folder):
+        for name in names:
+            with contextlib.suppress(FileNotFoundError):
+                yield os.stat(os.path.join(place, name)).st_size
 
 
 def remove_entries(entries: tuple[CacheEntry, ...]) -> None:
@@ -102,7 +112,7 @@ def remove_entries(entries: tuple[CacheEntry, ...]) -> None:
     Raises
     ------
     StoreError
-        If a build is writing some; the others are removed.
+        If a build is writing some, or some cannot be removed; the others are removed.
     """
     problems: list[Problem] = []
     for entry in entries:
@@ -114,6 +124,8 @@ def remove_entries(entries: tuple[CacheEntry, ...]) -> None:
                 _remove(entry.path)
         except StoreError as error:
             problems += error.problems
+        except OSError as error:
+            problems.append(Problem(f"cannot remove it: {reason_of(error)}", where=str(entry.path)))
     # A store and what is written beside it have one lock.
     StoreError.raise_if(dict.fromkeys(problems))
 

@@ -1,9 +1,12 @@
+import errno
+import os
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from dfdbench.errors import InputError
+from dfdbench.errors import InputError, StoreError
 from dfdbench.system.cache import cache_entries, cache_folder, remove_entries
 
 
@@ -60,6 +63,42 @@ def test_a_stopped_removal_leaves_no_half_of_a_store(
         again.mkdir(parents=True, exist_ok=True)
         remove_entries(cache_entries(tmp_path)[-1:])
         assert list(store.parent.iterdir()) == []
+
+
+def test_what_cannot_be_removed_is_told_and_the_others_are_removed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name in ("a", "b"):
+        (tmp_path / f"stores/{name}.zarr").mkdir(parents=True)
+    whole = Path.rename
+
+    def rename(path: Path, target: Path) -> Path:
+        if path.name == "a.zarr":
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return whole(path, target)
+
+    monkeypatch.setattr(Path, "rename", rename)
+    with pytest.raises(StoreError, match=r"Permission denied \(.*a\.zarr\)$"):
+        remove_entries(cache_entries(tmp_path))
+    assert [entry.name for entry in cache_entries(tmp_path)] == ["a.zarr"]
+
+
+def test_a_folder_that_goes_away_meanwhile_is_not_counted(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name in ("kept", "gone"):
+        (tmp_path / "stores/a.zarr" / name).mkdir(parents=True)
+        (tmp_path / "stores/a.zarr" / name / "c").write_bytes(bytes(5))
+    whole = os.scandir
+
+    def scandir(path: str | Path) -> Any:
+        if str(path).endswith("gone"):
+            raise FileNotFoundError(errno.ENOENT, "No such file or directory", str(path))
+        return whole(path)
+
+    monkeypatch.setattr(os, "scandir", scandir)
+    (entry,) = cache_entries(tmp_path)
+    assert (entry.files, entry.size) == (1, 5)
 
 
 def test_of_a_store_that_lies_elsewhere_the_link_alone_is_removed(tmp_path: Path) -> None:
