@@ -16,6 +16,7 @@ from dfdbench.cli.screen import GOES_ON, command, progress, require_picture, sav
 from dfdbench.errors import DfdbenchError, InputError, MethodError, Problem, refuse_both
 from dfdbench.results.output_place import output_place
 from dfdbench.statuses import NO
+from dfdbench.system.files import writing_folder
 from dfdbench.system.parallel import one_by_one
 from dfdbench.tables.table import Format, Table, counted, grouped, listed
 
@@ -97,7 +98,8 @@ def predict(
     predictor = DepthPredictor(method, fitted or lens, parameters, not no_align, seed)
     if folder:
         predictor.settle_unit(captures.values())
-        _predict_folder(predictor, captures, lone, out, format)
+        with writing_folder(out, "prediction"):
+            _predict_folder(predictor, captures, lone, out, format)
     else:
         _predict_pair(predictor, images, out, figure, format)
 

@@ -5,6 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
+from dfdbench.system.files import writing_folder
 from tests.cli.command import Command
 from tests.conftest import write_png
 from tests.evaluation.test_predict import LENS
@@ -36,6 +37,16 @@ def test_two_photographs_give_a_depth_map_and_a_picture(dfdbench: Command, tmp_p
     for image in images:
         Path(image).write_bytes(b"")
     assert images[1] in dfdbench.refused(images[0], *predict).err
+
+
+def test_two_predictions_do_not_write_into_one_folder(dfdbench: Command, tmp_path: Path) -> None:
+    (tmp_path / "in/a").mkdir(parents=True)
+    photographs(tmp_path / "in/a")
+    words = ("predict", str(tmp_path / "in"), "--method", "mymodule:predict", "--no-align", "--out")
+    with writing_folder(Path("out"), "prediction"):
+        dfdbench.refused("another prediction is writing this folder", *words, "out")
+    assert not Path("out").exists()
+    dfdbench.fine(*words, "out")
 
 
 def test_every_pair_is_tried_and_all_that_fails_named(dfdbench: Command, tmp_path: Path) -> None:
