@@ -225,15 +225,17 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
     except (OSError, ValueError) as error:
         what = f"no scheduler answers at {address}: {error}"
         raise InputError(what, where="--scheduler", fix="start one with: dask scheduler") from error
-    # Report a scheduler that goes away once, in our words.
-    log = logging.getLogger("distributed.client")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
+    # Report a scheduler that goes away, or a stop, once and in our words.
+    logs = [logging.getLogger(name) for name in ("distributed.client", "tornado.application")]
+    levels = [log.level for log in logs]
+    for log in logs:
+        log.setLevel(logging.CRITICAL)
     try:
         with client:
             yield client, as_completed
     finally:
-        log.setLevel(level)
+        for log, level in zip(logs, levels, strict=True):
+            log.setLevel(level)
 
 
 def _gone(address: str) -> InputError:

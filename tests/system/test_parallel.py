@@ -167,6 +167,40 @@ def test_work_that_ends_its_workers_is_told() -> None:
         Cluster(cluster.scheduler_address).map(os._exit, [3])
 
 
+# Ctrl-C while a result is on its way.
+_STOPPED = """
+import time
+from distributed import LocalCluster
+from dfdbench.system.parallel import Cluster
+
+class Slow:
+    def __getstate__(self):
+        time.sleep(2)
+        return {}
+
+def stop(item, _):
+    time.sleep(1)
+    raise KeyboardInterrupt
+
+if __name__ == "__main__":
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        try:
+            Cluster(cluster.scheduler_address).map(lambda item: Slow() if item else 0, [0, 1], stop)
+        except KeyboardInterrupt:
+            print("stopped")
+"""
+
+
+@pytest.mark.slow
+@ON_SERVERS
+def test_a_stop_is_told_by_nobody_else(tmp_path: Path) -> None:
+    (tmp_path / "stopped.py").write_text(_STOPPED)
+    path = str(Path(__file__).parents[2])
+    done = python(tmp_path / "stopped.py", PYTHONPATH=path)
+    assert done.stdout == "stopped\n"
+    assert "Traceback" not in done.stderr
+
+
 @ON_SERVERS
 def test_a_cluster_without_workers_is_told_and_waited_for() -> None:
     with LocalCluster(  # type: ignore[no-untyped-call]
