@@ -98,7 +98,7 @@ _THESIS = {
     "experiment": Verb("thesis.experiment", goes_on=True),
     "search": Verb(
         about="Search for a network's architecture, as chapter 6 of the thesis does.",
-        verbs={"architecture": Verb("thesis.architecture")},
+        verbs={"architecture": Verb("thesis.architecture", goes_on=True)},
     ),
     "reduce": Verb("thesis.reduce"),
 }
