@@ -384,7 +384,9 @@ def _smallest_aperture_first(order: list[Group]) -> list[Group]:
     largest = max((float(n) for numbers in told.values() for n in numbers), default=0.0)
     first = [g for g in order if largest in map(float, told[g.pattern])]
     rest = [group for group in order if group not in first]
-    return first + rest if len(first) == 1 and len(rest) > 1 else order
+    # A sharper one that tells none, such as sharp.png, may have a larger one.
+    sure = len(first) == 1 and told[order[0].pattern]
+    return first + rest if sure and len(rest) > 1 else order
 
 
 def _tell_depth(keys: Sequence[Key], facts: Facts, metres: bool = False) -> None:

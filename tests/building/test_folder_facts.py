@@ -176,3 +176,15 @@ def test_of_several_apertures_the_smallest_is_in_focus(folder: Path) -> None:
     assert facts.roles["infocus"].pattern == "{scene}/img_F16.0.png"
     assert facts.roles["defocus"].pattern == "{scene}/img_F1.4.png"
     assert any("which defocus image to take: 1 more kinds" in text for text in facts.open)
+
+
+def test_a_sharper_image_whose_name_tells_no_aperture_stays_in_focus(folder: Path) -> None:
+    for scene in SCENES:
+        image = np.asarray(cv2.imread(str(folder / scene / "sharp.png")))
+        (folder / scene / "blurred.png").unlink()
+        for f_number, sigma in ((2, 2.0), (4, 1.0)):
+            blurred = cv2.GaussianBlur(image, (0, 0), sigma)
+            cv2.imwrite(str(folder / scene / f"f{f_number}.png"), blurred)
+    facts = facts_of(folder)
+    assert facts.roles["infocus"].pattern == "{scene}/sharp.png"
+    assert facts.roles["defocus"].pattern == "{scene}/f2.png"
