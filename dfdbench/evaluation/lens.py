@@ -27,6 +27,8 @@ _LENS = (*_NEEDED, "infocus_f_number")
 _OF_LAW = tuple(field.name for field in fields_of(BlurLaw) if field.name != SIGMAS)
 # In pixels. So narrow a kernel changes nothing, and a width of 0 is not allowed.
 _LEAST_SIGMA = 0.1
+# In pixels: kernels are at most 999 wide, and no photograph is blurred so much.
+_LARGEST_SIGMA = 166
 _SAY = "say it in FILE.toml (--param recipe=FILE.toml; predict: --lens FILE.toml)"
 
 
@@ -148,6 +150,11 @@ def lens_law(given: Mapping[str, Any], where: str = "lens") -> BlurLaw:
         distances = facts.scale.to_metres(np.arange(LEVELS))
         blurred = lens.blur_sigma(distances, facts.infocus_f_number)
         sigmas = np.maximum(blurred, _LEAST_SIGMA)
+        if (widest := float(sigmas.max())) > _LARGEST_SIGMA:
+            # Else the law would name each width, and a lens file has none.
+            expected, got = f"at most {_LARGEST_SIGMA} pixels", f"{widest:.4g}"
+            what = "too much blur for a photograph: lengths are in metres"
+            raise InputError(what, where=", ".join(_NEEDED[1:]), expected=expected, got=got)
         size = {"kernel_size": 2 * math.ceil(3 * float(sigmas.max())) + 1}
         rest = {name: given[name] for name in _OF_LAW if name in given}
         return law_of_fields({SIGMAS: sigmas.tolist(), **size, **rest})

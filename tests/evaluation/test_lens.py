@@ -53,6 +53,7 @@ def test_a_lens_that_is_none_is_told() -> None:
         ({"focus_distance": 0.01}, ["no real image", "lens: focus_distance"]),
         ({"scale": {"near": 4.0, "far": 0.5, "law": "linear"}}, ["near is not before far"]),
         ({"noise": "much"}, ["wrong blur law", "noise"]),
+        ({"pixel_pitch": 1e-7}, ["lens: focal_length, focus_distance, pixel_pitch", "got 3438"]),
     ]
     for changes, parts in cases:
         with pytest.raises(MethodError) as raised:
