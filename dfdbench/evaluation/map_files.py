@@ -185,7 +185,7 @@ def write_submission(path: Path, depths: Iterable[tuple[str, DepthMap]]) -> None
             file = f"zedd_output_{number[0]}.npy"
             if file in written:
                 what = f"{written[file]} would be {file}, too"
-                fix = "leave one capture a scene in the folder"
+                fix = "leave one capture of each scene and number in the folder"
                 raise InputError(what, where=name, fix=fix)
             written[file] = name
             with archive.open(file, "w") as entry:

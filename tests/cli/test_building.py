@@ -178,6 +178,8 @@ def test_zedd_submission_holds_metres_of_each_test_scene(dfdbench: Command, tmp_
     shutil.copytree("stacks/test_0001/aperture28", "stacks/test_0001/aperture14")
     twice = "predict stacks --method mymodule:peak --out twice.zip"
     dfdbench.refused("would be zedd_output_0001.npy, too", twice)
+    Path("stacks/test_0001/aperture14").rename("stacks/val_0001")
+    assert "one capture of each scene and number" in dfdbench("predict", *twice.split()[1:]).err
     assert [path.name for path in Path().glob("*.zip")] == ["zedd.zip"]
 
 
