@@ -128,6 +128,11 @@ def coverage_warnings(trained_on: str | None, store: Dataset, split: str) -> lis
         test = side_of(store, split)
     except DfdbenchError as error:
         return [*warnings, f"depths not compared with training: {error.problems[0].what}"]
+    there, here = train.store.manifest.depth.scale, store.manifest.depth.scale
+    if there and here and there != here:
+        ends = [f"{one.near:g} to {one.far:g} m ({one.law})" for one in (there, here)]
+        other = f"levels of {train.store.manifest.stem} are other distances"
+        warnings.append(f"{other}: {ends[0]}, here {ends[1]}")
     counts = test.histogram.counts
     # Counts, the thesis's criterion, are for sets smaller than their training.
     levels = USUAL.uncovered(train.histogram.counts, counts, Criterion.density)

@@ -1,3 +1,5 @@
+import copy
+
 import pytest
 
 from dfdbench.audit.trained_on import Training, coverage_warnings, sides_of_run, training_side
@@ -38,6 +40,24 @@ def test_what_is_uncovered_or_unknown_and_training_on_the_test_is_said(tiny_stor
     (warning,) = coverage_warnings("tiny-1, split train", tiny_store, "test")
     assert "lie on distances that tiny-1, train, leaves" in warning
     assert warning.endswith(" m")
+
+
+def test_levels_that_are_other_distances_than_those_of_the_training_are_told(
+    tiny_store: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def at(far: float) -> Dataset:
+        store, manifest = copy.copy(tiny_store), tiny_store.manifest
+        scale = DepthScale(near=0.5, far=far)
+        depth = manifest.depth.model_copy(update={"scale": scale})
+        store.manifest = manifest.model_copy(update={"depth": depth})
+        return store
+
+    told = "levels of tiny-1 are other distances: 0.5 to 4 m (inverse), here 0.5 to 9 m (inverse)"
+    monkeypatch.setattr("dfdbench.audit.trained_on.open_dataset", lambda _: at(4))
+    assert told in coverage_warnings("middlebury-1, split train", at(9), "test")
+    monkeypatch.setattr("dfdbench.audit.trained_on.open_dataset", lambda _: at(9))
+    (warning,) = coverage_warnings("middlebury-1, split train", at(9), "test")
+    assert "lie on depth levels" in warning
 
 
 def test_a_run_is_held_against_what_is_named_else_against_the_usual(tiny_store: Dataset) -> None:
