@@ -2,6 +2,7 @@
 
 import datetime
 import functools
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib import resources
@@ -307,7 +308,7 @@ def leaderboard(path: Path | str | None = None) -> Board:
         except ResultError as error:
             problems += error.problems
     board = Board(folder, rows, cards or {}, read_draws(folder))
-    problems += [] if problems else _left_out(board)
+    problems += [] if problems else [*_on_other_rooms(board), *_left_out(board)]
     ResultError.raise_if(problems)
     return board
 
@@ -343,6 +344,29 @@ def _misplaced(
         yield Problem(what, where=f"{file}, {path}", fix="give the method a card of another name")
     elif file != (place := row.place(folder, file.stem)):
         yield Problem(f"the row belongs in {place}", where=str(file))
+
+
+def _on_other_rooms(board: Board) -> Iterator[Problem]:
+    """Yield a problem for each row on other rooms than most rows of the same seed.
+
+    A seed gives the same rooms on every machine; `FINGERPRINTS` cannot list them before it is
+    drawn.
+    """
+    found = [
+        (row.dataset, run.fingerprint, path)
+        for path, row in board.rows.items()
+        for run in row.runs
+        if seeded(row.dataset)
+    ]
+    usual = {
+        dataset: Counter(rest[0] for rest in own).most_common(1)[0][0]
+        for dataset, own in grouped((dataset, rest) for dataset, *rest in found).items()
+    }
+    for dataset, fingerprint, path in found:
+        if fingerprint != usual[dataset]:
+            what = f"run on other data than most rows of {dataset}"
+            fix = f"build it anew and run it again: `dfdbench build {dataset}`"
+            yield Problem(what, where=f"{path}: fingerprint", fix=fix)
 
 
 def _left_out(board: Board) -> Iterator[Problem]:

@@ -131,6 +131,18 @@ def test_everything_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:
     ]
 
 
+def test_all_rows_of_a_seed_are_on_the_same_rooms(tmp_path: Path) -> None:
+    scores = dict.fromkeys(find_manifest("unseen-7").pairs("test"), 0.2)
+    for name in ("one", "two", "easy"):
+        path = submit(make_demo_result(scores.__getitem__, name, dataset="unseen-7"), tmp_path)
+    leaderboard(tmp_path)
+    content = json.loads(path.read_text("utf-8"))
+    content["runs"][0]["fingerprint"] = "9" * 64
+    path.write_text(json.dumps(content))
+    with pytest.raises(ResultError, match=r"other data than most rows of unseen-7-1 .*easy\.json"):
+        leaderboard(tmp_path)
+
+
 def test_a_score_that_other_rows_have_may_not_be_left_out(tmp_path: Path) -> None:
     # A pair that no row has a score of is undefined for its ground truth, and no mistake.
     for name in ("one", "two"):
