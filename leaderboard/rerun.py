@@ -53,12 +53,15 @@ def draw_seed(folder: Path, seed: int | str | None = None) -> Draw:
     InputError
         If it is no seed.
     ResultError
-        If code was changed since the last commit, so that no commit says what is run.
+        If code or a card was changed since the last commit, so that no commit says what is run.
     """
     commit = environment.describe_environment().git
-    if commit is None or commit.endswith("-dirty"):
+    # A row's commit says nothing of cards and of new modules.
+    asked = ["git", "-C", str(folder), "status", "--porcelain", "--", "methods", ":/*.py"]
+    changed = subprocess.run(asked, check=False, capture_output=True, text=True).stdout.splitlines()
+    if commit is None or commit.endswith("-dirty") or changed:
         fix = "commit it first: the board says which commit was run"
-        where = commit or "no git checkout"
+        where = changed[0][3:] if changed else commit or "no git checkout"
         raise ResultError("the code that is to be run is in no commit", where=where, fix=fix)
     number = secrets.randbelow(_MOST) if seed is None else int(of_seed("unseen", seed)[7:])
     earlier = read_draws(folder)

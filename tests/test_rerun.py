@@ -138,3 +138,20 @@ def test_what_no_commit_holds_is_not_run(tmp_path: Path, monkeypatch: pytest.Mon
         with pytest.raises(InputError, match="not a seed"):
             draw_seed(tmp_path, seed)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["leaderboard/methods/new.toml", "new.py"])
+def test_cards_and_modules_are_code_too(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_commit(monkeypatch, "abc")
+    subprocess.run(["git", "init", "--quiet", str(tmp_path)], check=True)
+    add_card(tmp_path / "leaderboard", "old")
+    subprocess.run(["git", "-C", str(tmp_path), "add", "leaderboard"], check=True)
+    commit = ["-c", "user.name=x", "-c", "user.email=x@example.org", "commit", "--quiet", "-m", "x"]
+    subprocess.run(["git", "-C", str(tmp_path), *commit], check=True)
+    (tmp_path / "results.json").write_text("")
+    draw_seed(tmp_path / "leaderboard", 7)
+    (tmp_path / name).write_text("")
+    with pytest.raises(ResultError, match=rf"in no commit \({name}\)"):
+        draw_seed(tmp_path / "leaderboard", 7)
