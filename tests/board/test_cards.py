@@ -21,6 +21,7 @@ def problems(folder: Path) -> list[str]:
 
 def test_every_wrong_card_is_named_at_once(tmp_path: Path) -> None:
     add_card(tmp_path, "bare", licence=None)
+    add_card(tmp_path, "blank", "blank:predict", licence=" ")
     add_card(tmp_path, "mine", "mine:predict")
     add_card(tmp_path, "Mine", "other:predict")
     add_card(tmp_path, "twin", "mine:predict")
@@ -34,6 +35,7 @@ def test_every_wrong_card_is_named_at_once(tmp_path: Path) -> None:
     found = problems(tmp_path)
     folder = tmp_path / "methods"
     assert f"field is missing ({folder}/bare.toml: licence)" in found
+    assert any(f"{folder}/blank.toml" in text and "licence is blank" in text for text in found)
     assert f"two cards of one name ({folder}/Mine.toml, {folder}/mine.toml)" in found
     assert f"two cards of one method ({folder}/mine.toml, {folder}/twin.toml)" in found
     assert f"two cards of one method ({folder}/flat.toml, {folder}/flatter.toml)" in found
@@ -41,7 +43,7 @@ def test_every_wrong_card_is_named_at_once(tmp_path: Path) -> None:
     assert any(f"({folder}/lines.toml)" in text for text in found)
     assert any(text.startswith("the name is that of our own local") for text in found)
     assert any(text.startswith("cannot read the card") for text in found)
-    assert len(found) == 8
+    assert len(found) == 9
 
 
 def test_a_row_needs_the_card_of_its_name(tmp_path: Path) -> None:
