@@ -89,7 +89,11 @@ class Method:
     parameters: dict[str, Any] = field(default_factory=dict)
     uses: tuple[str, ...] = ()
     images: tuple[int, int] | None = None
-    sources: Sources = field(default_factory=Sources, compare=False, repr=False)
+    sources: Sources = field(default_factory=Sources, compare=False)
+
+    def __repr__(self) -> str:
+        given = "".join(f" {name}={value}" for name, value in self.parameters.items())
+        return f"<{self.name}{given}>"
 
     def __call__(self, *images: Any) -> Any:
         """Return the depth of an in-focus and a defocus image, or of a stack.

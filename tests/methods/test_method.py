@@ -16,6 +16,11 @@ def raising(*_: object) -> None:
     raise RuntimeError("boom")
 
 
+def test_a_method_is_shown_by_its_name_and_what_was_set() -> None:
+    assert repr(Method("local", "m:m", raising, {"window": 9})) == "<local window=9>"
+    assert repr(Method("mine.py:predict", "m:m", raising)) == "<mine.py:predict>"
+
+
 def test_files_that_parameters_name_are_hashed(module: Path) -> None:
     folder = module.with_name("prior")
     (folder / "in").mkdir(parents=True)
