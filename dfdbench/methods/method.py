@@ -24,6 +24,7 @@ from dfdbench.methods.parameters import files_sha256
 from dfdbench.methods.process_state import one_at_a_time, process_kept, seeded
 from dfdbench.methods.sources import Hashes, Sources
 from dfdbench.metrics.protocol import Unit
+from dfdbench.tables.table import Table, as_html
 
 if TYPE_CHECKING:
     import xarray
@@ -94,6 +95,10 @@ class Method:
     def __repr__(self) -> str:
         given = "".join(f" {name}={value}" for name, value in self.parameters.items())
         return f"<{self.name}{given}>"
+
+    def _repr_html_(self) -> str:
+        facts = {"entry": self.entry, **{key: str(value) for key, value in self.parameters.items()}}
+        return as_html(Table(self.name, ("fact", "value"), tuple(facts.items()), "ll"))
 
     def __call__(self, *images: Any) -> Any:
         """Return the depth of an in-focus and a defocus image, or of a stack.

@@ -19,6 +19,9 @@ def raising(*_: object) -> None:
 def test_a_method_is_shown_by_its_name_and_what_was_set() -> None:
     assert repr(Method("local", "m:m", raising, {"window": 9})) == "<local window=9>"
     assert repr(Method("mine.py:predict", "m:m", raising)) == "<mine.py:predict>"
+    shown = Method("<b>", "m:m", raising, {"window": 9})._repr_html_()
+    assert "&lt;b&gt;" in shown
+    assert ">window<" in shown
 
 
 def test_files_that_parameters_name_are_hashed(module: Path) -> None:

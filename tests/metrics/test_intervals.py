@@ -39,6 +39,12 @@ def test_of_100_intervals_95_hold_the_true_mean(drawn: str, count: int) -> None:
     assert 0.93 <= covered(values, [f"g{number}" for number in range(count)]) <= 0.97
 
 
+@pytest.mark.parametrize("count", [8, 16, 24])
+def test_of_very_long_tails_fewer_intervals_hold_the_true_mean(count: int) -> None:
+    values = np.random.default_rng(count).lognormal(0, 1, (6000, count)) - np.exp(0.5)
+    assert 0.89 <= covered(values, [f"g{number}" for number in range(count)]) <= 0.945
+
+
 @pytest.mark.parametrize("drawn", DRAWN)
 def test_groups_of_several_sizes_keep_intervals_wide(drawn: str) -> None:
     # As Middlebury's families: either all scenes of a group err alike, or none has to do with it.
