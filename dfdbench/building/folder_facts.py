@@ -6,6 +6,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path, PurePosixPath
 from typing import Any, get_args
 
@@ -335,7 +336,9 @@ def _tell_focus(groups: list[Group], keys: list[Key], facts: Facts) -> None:
     if len(order) == 1:
         _tell_sharp(order[0], facts)
         return
-    sharp, blurred = order[0], order[-1]
+    # Of several lightings, the blurred image of the same one.
+    sharp = order[0]
+    blurred = min(reversed(order[1:]), key=lambda each: _differing(each.pattern, sharp.pattern))
     both = [key for key in energies[sharp.pattern] if key in energies[blurred.pattern]]
     sharper = sum(energies[sharp.pattern][key] > energies[blurred.pattern][key] for key in both)
     first, last = (_IN_FOCUS.search(group.pattern.lower()) for group in (sharp, blurred))
@@ -350,11 +353,17 @@ def _tell_focus(groups: list[Group], keys: list[Key], facts: Facts) -> None:
     if sharper < len(both):
         facts.open.append("which photographs are in focus: sharpness does not tell in every scene")
     if len(order) > 2:
-        others = listed([group.pattern for group in order[1:-1]], _NAMED)
+        others = [group.pattern for group in order if group not in (sharp, blurred)]
         facts.open.append(
-            f"which defocus image to take: {len(order) - 2} more kinds of photographs are there: "
-            f"{others}; if they differ in focus, they are a stack: images with {{{IMAGE}}}"
+            f"which defocus image to take: {len(others)} more kinds of photographs are there: "
+            f"{listed(others, _NAMED)}; if they differ in focus, they are a stack: images with "
+            f"{{{IMAGE}}}"
         )
+
+
+def _differing(*patterns: str) -> int:
+    words = (re.split(r"[^a-z0-9.]+", pattern.lower()) for pattern in patterns)
+    return sum(one != other for one, other in zip_longest(*words))
 
 
 def _tell_sharp(sharp: Group, facts: Facts) -> None:
