@@ -98,8 +98,7 @@ def predict(
     predictor = DepthPredictor(method, fitted or lens, parameters, not no_align, seed)
     if folder:
         predictor.settle_unit(captures.values())
-        with writing_folder(out, "prediction"):
-            _predict_folder(predictor, captures, lone, out, format)
+        _predict_folder(predictor, captures, lone, out, format)
     else:
         _predict_pair(predictor, images, out, figure, format)
 
@@ -174,7 +173,6 @@ def _predict_folder(
     from dfdbench.evaluation.map_files import write_submission
 
     zipped, files, kept = out.suffix == ".zip", dict[str, Path](), list[str]()
-    maps = None if zipped else _maps_in(out, predictor)
 
     def estimates() -> Iterator[tuple[str, Estimate]]:
         for name, paths in one_by_one(captures.items(), step):
@@ -193,14 +191,15 @@ def _predict_folder(
         if zipped:
             MethodError.raise_if(_together(failed))
 
-    with progress("estimating depth", GOES_ON if maps else "the same command begins anew") as step:
+    again = "the same command begins anew" if zipped else GOES_ON
+    with writing_folder(out, "prediction", again), progress("estimating depth", again) as step:
+        maps = None if zipped else _maps_in(out, predictor)
         if maps is None:
-            depths = ((name, predictor.metres(found.depth)) for name, found in estimates())
-            write_submission(out, depths)
+            write_submission(out, ((name, predictor.metres(e.depth)) for name, e in estimates()))
         else:
             for name, found in estimates():
                 files[name] = maps.add(name, captures[name], found.depth, found.sigma)
-    if kept:
+    if kept:  # not above: that this cannot be printed says nothing of the folder
         say(f"taken over   {counted(len(kept), 'map')} from before")
     if left := maps.left(files) if maps else []:
         say(f"left         of an earlier call, and not of this one: {listed(left, most=5)}")

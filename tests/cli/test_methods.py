@@ -1,5 +1,7 @@
+import errno
 import json
 from pathlib import Path
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -47,6 +49,18 @@ def test_two_predictions_do_not_write_into_one_folder(dfdbench: Command, tmp_pat
         dfdbench.refused("another prediction is writing this folder", *words, "out")
     assert not Path("out").exists()
     dfdbench.fine(*words, "out")
+
+
+def test_an_answer_that_cannot_be_printed_is_not_the_folder_s(
+    dfdbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "in/a").mkdir(parents=True)
+    photographs(tmp_path / "in/a")
+    broken = OSError(errno.EIO, "Input/output error")
+    monkeypatch.setattr("dfdbench.cli.methods.show", Mock(side_effect=broken))
+    words = ("predict", str(tmp_path / "in"), "--method", "mymodule:predict", "--no-align")
+    refused = dfdbench.refused("error: Input/output error", *words, "--out=out")
+    assert "cannot write" not in refused.err
 
 
 def test_every_pair_is_tried_and_all_that_fails_named(dfdbench: Command, tmp_path: Path) -> None:
