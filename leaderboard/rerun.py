@@ -58,7 +58,8 @@ def draw_seed(folder: Path, seed: int | str | None = None) -> Draw:
     commit = environment.describe_environment().git
     # A row's commit says nothing of cards and of new modules.
     asked = ["git", "-C", str(folder), "status", "--porcelain", "--", "methods", ":/*.py"]
-    changed = subprocess.run(asked, check=False, capture_output=True, text=True).stdout.splitlines()
+    found = subprocess.run(asked, check=False, capture_output=True, text=True) if commit else None
+    changed = found.stdout.splitlines() if found else []
     if commit is None or commit.endswith("-dirty") or changed:
         fix = "commit it first: the board says which commit was run"
         where = changed[0][3:] if changed else commit or "no git checkout"

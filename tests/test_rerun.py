@@ -133,6 +133,11 @@ def test_what_no_commit_holds_is_not_run(tmp_path: Path, monkeypatch: pytest.Mon
         at_commit(monkeypatch, commit)
         with pytest.raises(ResultError, match="in no commit"):
             draw_seed(tmp_path)
+    at_commit(monkeypatch, None)
+    with monkeypatch.context() as without_git:
+        without_git.setenv("PATH", "")
+        with pytest.raises(ResultError, match="no git checkout"):
+            draw_seed(tmp_path)
     at_commit(monkeypatch, "abc")
     for seed in ("x", -1, "1.5", "007"):
         with pytest.raises(InputError, match="not a seed"):
