@@ -336,9 +336,11 @@ def _tell_focus(groups: list[Group], keys: list[Key], facts: Facts) -> None:
     if len(order) == 1:
         _tell_sharp(order[0], facts)
         return
-    # Of several lightings, the blurred image of the same one.
-    sharp = order[0]
-    blurred = min(reversed(order[1:]), key=lambda each: _differing(each.pattern, sharp.pattern))
+    # Of several lightings, the blurred image of the same one; another sharp image is none.
+    sharp, least = order[0], sharpness[order[-1].pattern]
+    most = max(least, math.sqrt(least * sharpness[sharp.pattern]))
+    blurry = [group for group in order[:0:-1] if sharpness[group.pattern] <= most]
+    blurred = min(blurry, key=lambda each: _differing(each.pattern, sharp.pattern))
     both = [key for key in energies[sharp.pattern] if key in energies[blurred.pattern]]
     sharper = sum(energies[sharp.pattern][key] > energies[blurred.pattern][key] for key in both)
     first, last = (_IN_FOCUS.search(group.pattern.lower()) for group in (sharp, blurred))
@@ -362,7 +364,7 @@ def _tell_focus(groups: list[Group], keys: list[Key], facts: Facts) -> None:
 
 
 def _differing(*patterns: str) -> int:
-    words = (re.split(r"[^a-z0-9.]+", pattern.lower()) for pattern in patterns)
+    words = (re.findall(r"[a-z]+|[\d.]+", pattern.lower()) for pattern in patterns)
     return sum(one != other for one, other in zip_longest(*words))
 
 

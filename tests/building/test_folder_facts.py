@@ -163,18 +163,29 @@ def test_the_other_view_of_a_stereo_pair_is_no_defocus(
     built(folder)
 
 
-def test_of_two_lightings_both_images_are_of_one(folder: Path) -> None:
+@pytest.mark.parametrize("pattern", ["light{}_{}", "{1}{0}"])
+def test_of_two_lightings_both_images_are_of_one(pattern: str, folder: Path) -> None:
     for scene in SCENES:
         for name in ("sharp", "blurred"):
             image = np.asarray(cv2.imread(str(folder / scene / f"{name}.png")))
             (folder / scene / f"{name}.png").unlink()
             for light, gain in ((1, 0.7), (2, 1.0)):
                 lit = (gain * image).astype(np.uint8)
-                cv2.imwrite(str(folder / scene / f"light{light}_{name}.png"), lit)
+                cv2.imwrite(str(folder / scene / f"{pattern.format(light, name)}.png"), lit)
     facts = facts_of(folder)
     sharp, blurred = (facts.roles[role].pattern for role in ("infocus", "defocus"))
     assert sharp.replace("sharp", "blurred") == blurred
     assert any("which defocus image to take: 2 more kinds" in text for text in facts.open)
+
+
+def test_another_sharp_image_is_no_defocus_because_its_name_is_alike(folder: Path) -> None:
+    for scene in SCENES:
+        image = np.asarray(cv2.imread(str(folder / scene / "sharp.png")))
+        (folder / scene / "sharp.png").rename(folder / scene / "day_1.png")
+        cv2.imwrite(str(folder / scene / "day_2.png"), cv2.GaussianBlur(image, (0, 0), 0.4))
+    facts = facts_of(folder)
+    assert facts.roles["infocus"].pattern == "{scene}/day_1.png"
+    assert facts.roles["defocus"].pattern == "{scene}/blurred.png"
 
 
 def test_of_several_apertures_the_smallest_is_in_focus(folder: Path) -> None:
