@@ -128,9 +128,10 @@ def coverage_warnings(trained_on: str | None, store: Dataset, split: str) -> lis
         test = side_of(store, split)
     except DfdbenchError as error:
         return [*warnings, f"depths not compared with training: {error.problems[0].what}"]
-    there, here = train.store.manifest.depth.scale, store.manifest.depth.scale
-    if there and here and there != here:
-        ends = [f"{one.near:g} to {one.far:g} m ({one.law})" for one in (there, here)]
+    # Whether they grow with nearness or with distance makes none: a side is inverted.
+    scales = (each.manifest.depth.scale for each in (train.store, store))
+    ends = [f"{one.near:g} to {one.far:g} m ({one.law})" for one in scales if one]
+    if len({*ends}) > 1:
         other = f"levels of {train.store.manifest.stem} are other distances"
         warnings.append(f"{other}: {ends[0]}, here {ends[1]}")
     counts = test.histogram.counts

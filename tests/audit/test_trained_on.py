@@ -1,4 +1,5 @@
 import copy
+from typing import Any
 
 import pytest
 
@@ -45,9 +46,9 @@ def test_what_is_uncovered_or_unknown_and_training_on_the_test_is_said(tiny_stor
 def test_levels_that_are_other_distances_than_those_of_the_training_are_told(
     tiny_store: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def at(far: float) -> Dataset:
+    def at(far: float, **levels: Any) -> Dataset:
         store, manifest = copy.copy(tiny_store), tiny_store.manifest
-        scale = DepthScale(near=0.5, far=far)
+        scale = DepthScale(near=0.5, far=far, **levels)
         depth = manifest.depth.model_copy(update={"scale": scale})
         store.manifest = manifest.model_copy(update={"depth": depth})
         return store
@@ -56,8 +57,9 @@ def test_levels_that_are_other_distances_than_those_of_the_training_are_told(
     monkeypatch.setattr("dfdbench.audit.trained_on.open_dataset", lambda _: at(4))
     assert told in coverage_warnings("middlebury-1, split train", at(9), "test")
     monkeypatch.setattr("dfdbench.audit.trained_on.open_dataset", lambda _: at(9))
-    (warning,) = coverage_warnings("middlebury-1, split train", at(9), "test")
-    assert "lie on depth levels" in warning
+    for same in (at(9), at(9, near_level=1, far_level=255)):
+        (warning,) = coverage_warnings("middlebury-1, split train", same, "test")
+        assert "lie on depth levels" in warning
 
 
 def test_a_run_is_held_against_what_is_named_else_against_the_usual(tiny_store: Dataset) -> None:
