@@ -97,8 +97,8 @@ class Method:
         return f"<{self.name}{given}>"
 
     def _repr_html_(self) -> str:
-        facts = {"entry": self.entry, **{key: str(value) for key, value in self.parameters.items()}}
-        return as_html(Table(self.name, ("fact", "value"), tuple(facts.items()), "ll"))
+        given = ((name, str(value)) for name, value in self.parameters.items())
+        return as_html(Table(self.name, ("fact", "value"), (("entry", self.entry), *given), "ll"))
 
     def __call__(self, *images: Any) -> Any:
         """Return the depth of an in-focus and a defocus image, or of a stack.

@@ -19,7 +19,8 @@ def raising(*_: object) -> None:
 def test_a_method_is_shown_by_its_name_and_what_was_set() -> None:
     assert repr(Method("local", "m:m", raising, {"window": 9})) == "<local window=9>"
     assert repr(Method("mine.py:predict", "m:m", raising)) == "<mine.py:predict>"
-    shown = Method("<b>", "m:m", raising, {"window": 9})._repr_html_()
+    shown = Method("<b>", "m:m", raising, {"window": 9, "entry": "one"})._repr_html_()
+    assert "m:m" in shown
     assert "&lt;b&gt;" in shown
     assert ">window<" in shown
 
