@@ -156,12 +156,12 @@ def require_picture(path: Path) -> None:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as a PNG, PDF or SVG file and say where; refuse to replace other files.
+    """Write a figure as a PNG, PDF or SVG file and say where.
 
     Raises
     ------
     InputError
-        If the name is of another kind of file, or such a file is there.
+        If the name is of another kind of file, or the place is in a data set or a run.
     """
     from dfdbench.figures.style import write_figure
     from dfdbench.results.output_place import output_place
