@@ -154,7 +154,7 @@ def lens_law(given: Mapping[str, Any], where: str = "lens") -> BlurLaw:
             # Else the law would name each width, and a lens file has none.
             expected, got = f"at most {_LARGEST_SIGMA} pixels", f"{widest:.4g}"
             what = "too much blur for a photograph: lengths are in metres"
-            raise InputError(what, where=", ".join(_NEEDED[1:]), expected=expected, got=got)
+            raise InputError(what, where=", ".join(_NEEDED), expected=expected, got=got)
         size = {"kernel_size": 2 * math.ceil(3 * float(sigmas.max())) + 1}
         rest = {name: given[name] for name in _OF_LAW if name in given}
         return law_of_fields({SIGMAS: sigmas.tolist(), **size, **rest})

@@ -53,7 +53,8 @@ def test_a_lens_that_is_none_is_told() -> None:
         ({"focus_distance": 0.01}, ["no real image", "lens: focus_distance"]),
         ({"scale": {"near": 4.0, "far": 0.5, "law": "linear"}}, ["near is not before far"]),
         ({"noise": "much"}, ["wrong blur law", "noise"]),
-        ({"pixel_pitch": 1e-7}, ["lens: focal_length, focus_distance, pixel_pitch", "got 3438"]),
+        ({"pixel_pitch": 1e-7}, ["focal_length, focus_distance, pixel_pitch", "got 3438"]),
+        ({"defocus_f_number": 0.001}, ["too much blur", "defocus_f_number"]),
     ]
     for changes, parts in cases:
         with pytest.raises(MethodError) as raised:
