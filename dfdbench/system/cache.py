@@ -99,10 +99,11 @@ def cache_entries(folder: Path) -> tuple[CacheEntry, ...]:
 
 
 def _sizes_in(folder: Path) -> Iterator[int]:
-    # A build or a removal may go on beside this: what it takes away is passed over.
+    # A build or a removal may go on beside this: what it takes away is passed over, and so is what
+    # cannot be read, as os.walk does with folders.
     for place, _, names in os.walk(folder):
         for name in names:
-            with contextlib.suppress(FileNotFoundError):
+            with contextlib.suppress(OSError):
                 yield os.stat(os.path.join(place, name)).st_size
 
 

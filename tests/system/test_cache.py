@@ -89,6 +89,8 @@ def test_a_folder_that_goes_away_meanwhile_is_not_counted(
     for name in ("kept", "gone"):
         (tmp_path / "stores/a.zarr" / name).mkdir(parents=True)
         (tmp_path / "stores/a.zarr" / name / "c").write_bytes(bytes(5))
+    # It is there and cannot be read, as what others removed from a network's disk.
+    (tmp_path / "stores/a.zarr/loop").symlink_to("loop")
     whole = os.scandir
 
     def scandir(path: str | Path) -> Any:
