@@ -154,7 +154,8 @@ class Capture:
         The coordinates of ``image`` are ``role``, ``focus_distance`` (metres), ``focus_depth`` (in
         the unit of the truth) and ``f_number``. The attributes are ``unit``, ``near`` and ``far``
         (the ends of the set's depths, in that unit), ``focal_length`` and ``pixel_pitch`` (metres),
-        and ``pair_images`` if the set names them. NaN means unknown.
+        and ``pair_images`` if the set names them; they are numbers, so remove them from a stack
+        whose images you left out or reordered. NaN means unknown.
         """
         facts, count = self.facts, len(self.images)
         near, far = self.about.ends
