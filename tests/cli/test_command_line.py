@@ -132,7 +132,9 @@ def test_what_only_looks_imports_nothing_heavy() -> None:
 
 
 def test_ctrl_c_in_a_verb_is_told(dfdbench: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    goes_on = "stopped; the same command goes on from here\n"
+    monkeypatch.setattr("dfdbench.cli.thesis.open_dataset", Mock(side_effect=KeyboardInterrupt))
+    assert dfdbench("thesis search architecture")[::2] == (130, goes_on)
     monkeypatch.setattr(Verb, "load", Mock(side_effect=KeyboardInterrupt))
     stopped = [dfdbench(verb)[::2] for verb in ("run", "report")]
-    goes_on = "stopped; the same command goes on from here\n"
     assert stopped == [(130, goes_on), (130, "stopped\n")]
