@@ -21,6 +21,8 @@ from dfdbench.system.parallel import OnDone, one_by_one
 
 #: The file with the facts about a stack's images.
 STACK_FILE = "stack.json"
+#: Its attribute for the two images that a method of pairs gets.
+PAIR_IMAGES = "pair_images"
 _STACK_DEPTH = "depth.npy"
 
 
@@ -84,7 +86,7 @@ def export_png(
     for pair in one_by_one(pairs, on_pair):
         images = store.read(pair)
         if not images.is_pair:
-            _write_stack(folder / pair.id, images, images_only)
+            _write_stack(folder / pair.id, images, images_only, store.manifest.pair_images)
         elif images_only:
             _write(folder / pair.id / "infocus.png", images.infocus)
             _write(folder / pair.id / "defocus.png", images.defocus)
@@ -99,7 +101,9 @@ def export_png(
     return len(pairs)
 
 
-def _write_stack(folder: Path, capture: Capture, images_only: bool) -> None:
+def _write_stack(
+    folder: Path, capture: Capture, images_only: bool, pair_images: list[int] | None
+) -> None:
     stack = capture.stack
     names = [f"image_{number:02}.png" for number in range(len(capture.images))]
     for name, image in zip(names, capture.images, strict=True):
@@ -107,6 +111,7 @@ def _write_stack(folder: Path, capture: Capture, images_only: bool) -> None:
     known = {key: stack[key].values.tolist() for key in ("role", *BY_IMAGE)}
     coordinates = {key: [_in_json(value) for value in values] for key, values in known.items()}
     attributes = {key: _in_json(value) for key, value in stack.attrs.items()}
+    attributes |= {PAIR_IMAGES: pair_images} if pair_images else {}
     said = {"images": names, "coordinates": coordinates, "attributes": attributes}
     write_whole(folder / STACK_FILE, json.dumps(said, indent=1).encode() + b"\n")
     if not images_only:

@@ -24,8 +24,6 @@ Role = Literal["infocus", "defocus"]
 ROLES: tuple[Role, ...] = ("infocus", "defocus")
 #: The roles of a pair's images.
 PAIR: tuple[Role, ...] = ("infocus", "defocus")
-#: The attribute of a stack that names the two images of a pair.
-PAIR_IMAGES = "pair_images"
 #: How many images of a stack are shown as thumbnails.
 _SHOWN = 4
 
@@ -83,8 +81,6 @@ class Capture:
         What the depth means: the manifest's section.
     group : str
         The family or room of its scene, or the scene itself; empty if unknown.
-    pair_images : sequence of int, optional
-        The two images of a stack that a method of pairs gets, the in-focus one first.
 
     Examples
     --------
@@ -100,7 +96,6 @@ class Capture:
     facts: ImageFacts = field(default_factory=ImageFacts)
     about: Depth = LEVELS
     group: str = ""
-    pair_images: Sequence[int] | None = None
 
     def __repr__(self) -> str:
         count, height, width = self.images.shape[:3]
@@ -153,9 +148,8 @@ class Capture:
 
         The coordinates of ``image`` are ``role``, ``focus_distance`` (metres), ``focus_depth`` (in
         the unit of the truth) and ``f_number``. The attributes are ``unit``, ``near`` and ``far``
-        (the ends of the set's depths, in that unit), ``focal_length`` and ``pixel_pitch`` (metres),
-        and ``pair_images`` if the set names them; they are numbers, so remove them from a stack
-        whose images you left out or reordered. NaN means unknown.
+        (the ends of the set's depths, in that unit), ``focal_length`` and ``pixel_pitch`` (metres).
+        NaN means unknown.
         """
         facts, count = self.facts, len(self.images)
         near, far = self.about.ends
@@ -168,8 +162,7 @@ class Capture:
             coords={"role": ("image", list(facts.roles))}
             | {name: ("image", values) for name, values in known.items()},
             attrs={"unit": self.about.kind, "near": near, "far": far}
-            | {name: float(getattr(facts, name)) for name in OF_CAMERA}
-            | ({PAIR_IMAGES: [*self.pair_images]} if self.pair_images else {}),
+            | {name: float(getattr(facts, name)) for name in OF_CAMERA},
         )
 
     @property
@@ -192,7 +185,7 @@ class Capture:
             for name in BY_IMAGE
         }
         known = replace(self.facts, roles=PAIR, **facts)
-        return replace(self, images=self.images[list(images)], facts=known, pair_images=None)
+        return replace(self, images=self.images[list(images)], facts=known)
 
     def _image(self, role: Role) -> NDArray[np.uint8]:
         if role not in self.facts.roles:
@@ -255,8 +248,7 @@ def capture_of(stack: xarray.DataArray) -> Capture:
         # In metres a distance is the depth.
         facts = replace(facts, focus_depth=by_image.get("focus_depth", facts.focus_distance))
     depth = np.full(stack.shape[1:3], np.nan, np.float32)
-    usual = stack.attrs.get(PAIR_IMAGES)
-    return Capture(Pair("stack", ()), stack.values, depth, facts, about, pair_images=usual)
+    return Capture(Pair("stack", ()), stack.values, depth, facts, about)
 
 
 def eight_bits(image: NDArray[Any]) -> NDArray[np.uint8]:

@@ -181,7 +181,6 @@ class Dataset:
             self._facts(pair.scene, at),
             depth,
             self.manifest.groups.get(pair.scene, pair.scene),
-            self.manifest.pair_images,
         )
 
     def read_depth(self, pair: Pair) -> NDArray[np.float32]:
@@ -274,10 +273,20 @@ class Dataset:
 def _require_fit(
     array: zarr.Array[Any], name: str, manifest: Manifest, images: tuple[int, ...]
 ) -> None:
-    """Refuse an array of a scene whose shape or type does not fit manifest and images.
+    """Refuse an array whose shape or type does not fit its manifest and its scene's images.
 
-    Otherwise we would read the wrong places, or beyond its end. `images` is the shape of the
-    scene's images, (axes..., image, y, x, channel).
+    Otherwise we would read the wrong places, or beyond its end.
+
+    Parameters
+    ----------
+    array : zarr.Array
+        An array of a scene.
+    name : str
+        Its name: ``images``, ``depth``, ``available``, or a fact about the images.
+    manifest : Manifest
+        The store's.
+    images : tuple of int
+        Shape of the scene's images, (axes..., image, y, x, channel).
 
     Raises
     ------

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dfdbench.building.export import STACK_FILE
+from dfdbench.building.export import PAIR_IMAGES, STACK_FILE
 from dfdbench.building.sources import image_files
 from dfdbench.building.sources.captured_images import in_one
 from dfdbench.datasets.captured_files import OF_CAMERA, CapturedFiles
-from dfdbench.datasets.captures import PAIR_IMAGES, ROLES
+from dfdbench.datasets.captures import ROLES
 from dfdbench.errors import DfdbenchError, InputError, Problem, SourceError, reason_of
 from dfdbench.system.files import LARGEST_ARRAY, read_text, read_whole
 from dfdbench.system.text import parse_json

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL
-from dfdbench.building.export import STACK_FILE
+from dfdbench.building.export import PAIR_IMAGES, STACK_FILE
 from dfdbench.building.sources.captured_images import matched_as_learned
 from dfdbench.building.sources.image_files import likely_bits
 from dfdbench.datasets.captured_files import CapturedFiles
@@ -302,7 +302,7 @@ class DepthPredictor:
             If the method raises or returns no depth map.
         """
         whole = capture_of(stack)
-        usual = None if whole.is_pair else self._pair_images or whole.pair_images
+        usual = None if whole.is_pair else self._pair_images or stack.attrs.get(PAIR_IMAGES)
         capture = whole.two_of(self.method.two_images(usual))
         self.unit = self.method.answers_in(capture.about.kind)
         estimate = self._answer(*self.method.called_on(capture))
