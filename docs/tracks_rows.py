@@ -7,26 +7,30 @@ the table and the picture of docs/tracks.md, a row and a line a method, by NRMSE
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 
 import pandas as pd
 
-from dfdbench.blur.tracks import CLEAN, SUITES
+from dfdbench.blur.tracks import CLEAN
 from dfdbench.board.board import leaderboard
 from dfdbench.board.ranking import TRACKS_PROTOCOL, ScoreBoard
 from dfdbench.figures.comparisons import tracks_figure
 from dfdbench.figures.style import write_figure
 from dfdbench.metrics.metric import RANKED_BY
 from dfdbench.results.frame import track_means
-from dfdbench.results.wording import NOTHING, score_text
+from dfdbench.results.wording import score_text
 from dfdbench.system.files import write_whole
 from dfdbench.tables.render import as_markdown
 from dfdbench.tables.table import Table
 
 PAGE = Path(__file__).with_name("tracks.md")
 PICTURE = Path(__file__).with_name("tracks_methods.png")
-HARDEST = "camera-3"
+#: By suite, the track that is shown alone.
+SHOWN = {"tracks-1": "camera-3", "tracks-2": "lens-2"}
+#: A data set with its split, and a suite of tracks or a column.
+Place = tuple[str, str]
 GIVEN = "-given-blur"
 BEGIN, END = "<!-- written by docs/tracks_rows.py -->\n", "<!-- end -->"
 
@@ -34,15 +38,16 @@ BEGIN, END = "<!-- written by docs/tracks_rows.py -->\n", "<!-- end -->"
 def main(place: str) -> None:
     """Write the page's table between its two marks, and draw the picture."""
     boards = {
-        f"{board.result.dataset.name}-{board.result.dataset.split}": board
+        (f"{board.result.dataset.name}-{board.result.dataset.split}", board.suite): board
         for board in leaderboard().boards
-        if len(SUITES.get(board.suite, ())) > 1
+        if board.suite in SHOWN
     }
-    if place not in boards:
+    drawn = place, next(iter(SHOWN))
+    if drawn not in boards:
         sys.exit(f"no runs on tracks of {place}: dfdbench tracks --method NAME --submit")
     _write_between(PAGE, summary_of(boards))
     title = f"{place}, protocol {TRACKS_PROTOCOL}, best mean first"
-    write_figure(tracks_figure(means_of(boards[place]), RANKED_BY, title), PICTURE)
+    write_figure(tracks_figure(means_of(boards[drawn]), RANKED_BY, title), PICTURE)
 
 
 def means_of(board: ScoreBoard) -> dict[str, pd.DataFrame]:
@@ -66,29 +71,23 @@ def overall_of(board: ScoreBoard) -> dict[str, float]:
     }
 
 
-def summary_of(boards: dict[str, ScoreBoard]) -> Table:
-    """Return a row a method, best mean first: clean, hardest and mean, for each data set."""
-    overall = {place: overall_of(board) for place, board in boards.items()}
-    means = {place: means_of(board) for place, board in boards.items()}
-
-    def order(label: str) -> tuple[bool, float]:
-        return GIVEN in label, min(each[label] for each in overall.values() if label in each)
-
-    def cells(place: str, label: str) -> tuple[str, ...]:
-        if label not in means[place]:
-            return (NOTHING,) * 3
-        found, (track, severity) = means[place][label], HARDEST.split("-")
-        scores = found[0].iloc[0], found[int(severity)][track], overall[place][label]
-        return tuple(map(score_text, scores))
-
-    labels = sorted({label for found in overall.values() for label in found}, key=order)
-    rows = [
-        (label, *(cell for place in boards for cell in cells(place, label))) for label in labels
-    ]
-    heads = [f"{place}: {CLEAN}" for place in boards]
-    columns = ("", *(text for head in heads for text in (head, HARDEST, "mean of tracks")))
-    align = "l" + "r" * (len(columns) - 1)
-    return Table(f"NRMSE, protocol {TRACKS_PROTOCOL}", columns, tuple(rows), align)
+def summary_of(boards: dict[Place, ScoreBoard]) -> Table:
+    """Return a row a method, best mean first: clean, one track and mean, for each suite."""
+    columns: dict[Place, dict[str, float]] = {}
+    best: dict[str, float] = {}
+    for (place, suite), board in boards.items():
+        means, overall = means_of(board), overall_of(board)
+        track, severity = SHOWN[suite].split("-")
+        clean = columns.setdefault((place, CLEAN), {})
+        clean |= {label: found[0].iloc[0] for label, found in means.items()}
+        columns[place, SHOWN[suite]] = {k: each[int(severity)][track] for k, each in means.items()}
+        columns[place, f"mean of {suite}"] = overall
+        best |= {label: min(best.get(label, math.inf), mean) for label, mean in overall.items()}
+    labels = sorted(best, key=lambda label: (GIVEN in label, best[label]))
+    rows = [(k, *(score_text(each.get(k)) for each in columns.values())) for k in labels]
+    heads = ("", *(f"{place}: {text}" if text == CLEAN else text for place, text in columns))
+    align = "l" + "r" * (len(heads) - 1)
+    return Table(f"NRMSE, protocol {TRACKS_PROTOCOL}", heads, tuple(rows), align)
 
 
 def _write_between(page: Path, table: Table) -> None:
