@@ -352,22 +352,20 @@ def _on_other_rooms(board: Board) -> Iterator[Problem]:
     A seed gives the same rooms on every machine; `FINGERPRINTS` cannot list them before it is
     drawn.
     """
-    found = [
-        (row.dataset, run.fingerprint, path)
+    found = grouped(
+        (row.dataset, (run.fingerprint, path))
         for path, row in board.rows.items()
         for run in row.runs
         if seeded(row.dataset)
-    ]
-    usual = {
-        dataset: Counter(rest[0] for rest in own).most_common(1)[0][0]
-        for dataset, own in grouped((dataset, rest) for dataset, *rest in found).items()
-    }
-    for dataset, fingerprint, path in found:
-        if fingerprint != usual[dataset]:
-            what = f"run on other data than other rows of {dataset}"
-            # A build keeps what is there.
-            fix = f"`dfdbench cache clear {dataset}`, `dfdbench build {dataset}`, and run it again"
-            yield Problem(what, where=f"{path}: fingerprint", fix=fix)
+    )
+    for dataset, runs in found.items():
+        ((usual, _),) = Counter(fingerprint for fingerprint, _ in runs).most_common(1)
+        what = f"run on other data than other rows of {dataset}"
+        # A build keeps what is there.
+        fix = f"`dfdbench cache clear {dataset}`, `dfdbench build {dataset}`, and run it again"
+        for fingerprint, path in runs:
+            if fingerprint != usual:
+                yield Problem(what, where=f"{path}: fingerprint", fix=fix)
 
 
 def _left_out(board: Board) -> Iterator[Problem]:

@@ -93,11 +93,11 @@ def _own_place() -> str:
         return ""
 
 
-def _kept_if_there_is_room(compiled: Any) -> Any:
-    # With NUMBA_DISABLE_JIT it is the function itself.
-    if not hasattr(compiled, "_cache"):
-        return compiled
-    save = compiled._cache.save_overload
+def _kept_if_there_is_room(function: Any) -> Any:
+    # With NUMBA_DISABLE_JIT it is not compiled.
+    if not hasattr(function, "_cache"):
+        return function
+    save = function._cache.save_overload
 
     def try_to_save(*given: Any) -> None:
         # Raised here, it would look as if the caller's own files could not be written.
@@ -106,8 +106,8 @@ def _kept_if_there_is_room(compiled: Any) -> Any:
         except OSError as error:
             _warn_once(f"{reason_of(error)}: set NUMBA_CACHE_DIR to a folder with room")
 
-    compiled._cache.save_overload = try_to_save
-    return compiled
+    function._cache.save_overload = try_to_save
+    return function
 
 
 @cache
