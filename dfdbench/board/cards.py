@@ -52,8 +52,6 @@ class Card(StrictRecord):
         # The site shows a command of one line.
         if not all(word.isprintable() for word in self.arguments()):
             raise ValueError("entry and parameters are to be printable, in one line")
-        if not self.licence.strip():
-            raise ValueError("the licence is blank")
         return self
 
     def arguments(self, on_tracks: bool = False) -> list[str]:

@@ -17,11 +17,11 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0.01, le=100)]
 STEPS = Field(min_length=2, max_length=100)
 #: The pattern of a text on one line, without control characters.
-LINE = r"^[^\x00-\x1f\x7f-\x9f]+$"
+LINE = r"^[^\x00-\x1f\x7f-\x9f]*[^\s\x00-\x1f\x7f-\x9f][^\x00-\x1f\x7f-\x9f]*$"
 _PREAMBLE = re.compile(r"^(\w+ should (be )?|Value error, )")
 # Pydantic's kinds of errors, or the pattern, in our words.
 _WORDS = {
-    LINE: "one line of text, not empty",
+    LINE: "one line of text, not blank",
     "too_short": "{min_length} or more of them",
     "invalid-json-value": "text, a number, true, false, a list or a table",
     "string_type": "text",

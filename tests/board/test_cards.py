@@ -35,7 +35,7 @@ def test_every_wrong_card_is_named_at_once(tmp_path: Path) -> None:
     found = problems(tmp_path)
     folder = tmp_path / "methods"
     assert f"field is missing ({folder}/bare.toml: licence)" in found
-    assert any(f"{folder}/blank.toml" in text and "licence is blank" in text for text in found)
+    assert any(f"{folder}/blank.toml" in text and "not blank" in text for text in found)
     assert f"two cards of one name ({folder}/Mine.toml, {folder}/mine.toml)" in found
     assert f"two cards of one method ({folder}/mine.toml, {folder}/twin.toml)" in found
     assert f"two cards of one method ({folder}/flat.toml, {folder}/flatter.toml)" in found
