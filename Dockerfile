@@ -8,7 +8,7 @@ COPY constraints.txt pyproject.toml setup.py MANIFEST.in README.md LICENSE ./
 COPY dfdbench dfdbench
 COPY manifests manifests
 COPY leaderboard leaderboard
-RUN pip install --no-cache-dir --constraint constraints.txt ".[${EXTRAS}]" \
+RUN pip install --no-cache-dir --constraint constraints.txt ".${EXTRAS:+[$EXTRAS]}" \
     && rm -rf /src/* \
     && useradd --create-home --uid 1000 dfdbench
 USER 1000

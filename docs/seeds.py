@@ -1,14 +1,16 @@
 """Compare the leaderboard's seeds with each other and with photographs: python docs/seeds.py.
 
 Printed are each method's NRMSE on every seed's test rooms and on DFD indoor (protocol `valid`); how
-many pairs of methods that one seed tells apart come in the other order on another; and the rank
-correlation of seeds and photographs. A seed tells two methods apart as a ranking's words do: if
-their difference over 24 rooms is beyond chance at 5 %, corrected for the number of pairs (Holm).
+many pairs of methods come in one order on one seed and in the other on another; and the rank
+correlation of seeds and photographs. Two methods have an order on a seed if their 95 % intervals do
+not overlap, as ranks are made; or, which is so of more pairs, if their difference over 24 rooms is
+beyond chance at 5 %, corrected for the number of pairs (Holm), as a ranking's words are made.
 """
 
 from __future__ import annotations
 
-from itertools import combinations, permutations
+from collections.abc import Sequence
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +20,14 @@ from scipy import stats
 import dfdbench
 from dfdbench.board.board import Board
 from dfdbench.datasets.rendered import seeded
-from dfdbench.metrics.intervals import LEVEL, chance, holm
+from dfdbench.metrics.intervals import LEVEL, chance, group_interval, holm
 
 ROOT = Path(__file__).parents[1]
 PHOTOGRAPHS = "dfd-indoor-1"
+
+
+#: By how much the first of two methods is worse, of pairs that have an order.
+Orders = dict[tuple[str, str], float]
 
 
 def errors_by_room(board: Board, family: str) -> dict[str, pd.DataFrame]:
@@ -37,7 +43,17 @@ def errors_by_room(board: Board, family: str) -> dict[str, pd.DataFrame]:
     return {name: frame[[row for row in frame if row in shared]] for name, frame in frames.items()}
 
 
-def orders(errors: pd.DataFrame) -> dict[tuple[str, str], float]:
+def ranked(errors: pd.DataFrame) -> Orders:
+    """Return, of pairs of methods whose intervals are apart, by how much the first is worse."""
+    of = {name: group_interval(errors[name].tolist(), errors.index.tolist()) for name in errors}
+    return {
+        (one, other): float(errors[one].mean() - errors[other].mean())
+        for one, other in combinations(map(str, errors), 2)
+        if (a := of[one]) and (b := of[other]) and (a[0] > b[1] or b[0] > a[1])
+    }
+
+
+def told_apart(errors: pd.DataFrame) -> Orders:
     """Return, of pairs of methods that are told apart, by how much the first is worse."""
     pairs = list(combinations(map(str, errors), 2))
     differences = [errors[one] - errors[other] for one, other in pairs]
@@ -46,6 +62,16 @@ def orders(errors: pd.DataFrame) -> dict[tuple[str, str], float]:
         pair: float(each.mean())
         for pair, each, p in zip(pairs, differences, found, strict=True)
         if p is not None and p < LEVEL
+    }
+
+
+def turned(found: Sequence[Orders]) -> set[tuple[str, str]]:
+    """Return the pairs of methods whose order is not the same on all seeds that have one."""
+    return {
+        pair
+        for one, other in combinations(found, 2)
+        for pair in one.keys() & other.keys()
+        if one[pair] * other[pair] < 0
     }
 
 
@@ -62,23 +88,18 @@ def main(family: str = "unseen") -> None:
     for method, values in means.iterrows():
         cells = ["–" if np.isnan(value) else f"{value:.4f}" for value in values]
         print(f"| {method} | " + " | ".join(cells) + " |")
-    told = {name: orders(errors[name]) for name in seeds}
-    held = [
-        (pair, worse * told[other][pair] > 0)
-        for one, other in permutations(seeds, 2)
-        for pair, worse in told[one].items()
-        if pair in told[other]
-    ]
-    turned = sorted({pair for pair, same in held if not same})
+    newest = [n for d in board.draws for n in seeds if (seeded(n) or ("", -1))[1] == d.seed][:3]
     pairs = len(list(combinations(means.index, 2)))
-    apart = {name: len(found) for name, found in told.items()}
-    print(
-        f"\nOf {pairs} pairs of methods the seeds tell apart {', '.join(map(str, apart.values()))}."
-    )
     mean = means[seeds].mean(axis=1)
-    useful = [pair for pair in turned if mean[[*pair]].max() < mean["constant"]]
-    print(f"Told apart by two seeds, but in other orders: {len(turned)}.")
-    print(f"Of these, pairs of methods better than a constant: {len(useful)}.")
+    for words, order in (("whole intervals", ranked), ("differences", told_apart)):
+        found = {name: order(errors[name]) for name in seeds}
+        counts = ", ".join(str(len(each)) for each in found.values())
+        print(f"\nPairs of methods, of {pairs}, that each seed orders by {words}: {counts}.")
+        recently, ever = turned([found[name] for name in newest]), turned([*found.values()])
+        useful = [pair for pair in ever if mean[[*pair]].max() < mean["constant"]]
+        print(f"In two orders on the three newest seeds: {len(recently)}.")
+        print(f"On any two: {len(ever)}, of which better than a constant are {len(useful)}.")
+    print()
     late = [name for draw in board.draws for name, _ in board.late(draw)]
     print(
         f"Rows of another commit than the seed's: {', '.join(str(late.count(n)) for n in seeds)}."
@@ -89,8 +110,8 @@ def main(family: str = "unseen") -> None:
         )
     if PHOTOGRAPHS in means:
         both = pd.DataFrame({"seeds": mean, "photographs": means[PHOTOGRAPHS]}).dropna()
-        found = rank_correlation(both)
-        print(f"With {PHOTOGRAPHS}, over {len(both)} methods: {found:.2f}.")
+        correlation = rank_correlation(both)
+        print(f"With {PHOTOGRAPHS}, over {len(both)} methods: {correlation:.2f}.")
 
 
 def rank_correlation(two: pd.DataFrame) -> float:

@@ -107,3 +107,12 @@ def test_the_installed_wheel_works_without_the_checkout(elsewhere: Path, tmp_pat
     assert "NRMSE" in dfdbench("run", "--method", "constant", "--dataset", "demo")
     assert (tmp_path / "results/demo-1-test/constant/result.json").is_file()
     assert "README up to date" in dfdbench("leaderboard", "--folder", "board", "--check")
+
+
+@pytest.mark.parametrize(("extras", "asked"), [("", "."), ("nets", ".[nets]")])
+def test_the_container_names_no_empty_extra(extras: str, asked: str) -> None:
+    """`pip install '.[]'` is refused."""
+    (line,) = (row for row in (ROOT / "Dockerfile").open(encoding="utf-8") if "pip install" in row)
+    words = f"echo {line.split()[-2]}"
+    done = subprocess.run(["sh", "-c", words], env={"EXTRAS": extras}, capture_output=True)
+    assert done.stdout.decode().strip() == asked
