@@ -94,7 +94,7 @@ def main(family: str = "unseen") -> None:
     for words, order in (("whole intervals", ranked), ("differences", told_apart)):
         found = {name: order(errors[name]) for name in seeds}
         counts = ", ".join(str(len(each)) for each in found.values())
-        print(f"\nPairs of methods, of {pairs}, that each seed orders by {words}: {counts}.")
+        print(f"\nBy {words} the seeds order {counts} of {pairs} pairs.")
         recently, ever = turned([found[name] for name in newest]), turned([*found.values()])
         useful = [pair for pair in ever if mean[[*pair]].max() < mean["constant"]]
         print(f"In two orders on the three newest seeds: {len(recently)}.")

@@ -112,7 +112,7 @@ def test_a_submission_and_its_review_go_as_contributing_says(place: Path) -> Non
     steps = "".join(re.findall(r"^[34]\. .*?(?=^\d\. )", submit, re.S | re.M))
     commands = [" ".join(line.split()) for line in re.findall(r"`(dfdbench [^`]+)`", steps)]
     commands += re.findall(r"^    (dfdbench export .+?) &&", review, re.M)
-    commands += [f"dfdbench {words}" for words in re.findall(r"-review (predict .+)", review)]
+    commands += re.findall(r"^ +(dfdbench predict .+)", review, re.M)
     commands += re.findall(r"^    (dfdbench score .+)", review, re.M)
     assert len(commands) == 6
     scores: list[list[str]] = []
