@@ -41,79 +41,77 @@ _SPREAD = 0.7  # distance between neighbouring rays, by the blur's diameter and 
 
 
 @compiled(inline="always")
-def _along(rows, item, first, x, y, z):  # type: ignore[no-untyped-def]
-    return rows[item, first] * x + rows[item, first + 1] * y + rows[item, first + 2] * z
+def _along(row, first, x, y, z):  # type: ignore[no-untyped-def]
+    return row[first] * x + row[first + 1] * y + row[first + 2] * z
 
 
 @compiled(inline="always")
-def _meet_flat(kind, rows, item, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
-    falling = _along(rows, item, AWAY, dx, dy, dz)
-    if falling == 0.0:
-        return math.inf
-    x, y, z = rows[item, 0] - ox, rows[item, 1] - oy, rows[item, 2] - oz
-    t = _along(rows, item, AWAY, x, y, z) / falling
-    if t < _LEAST:
-        return math.inf
+def row_of(rows, item):  # type: ignore[no-untyped-def]
+    """Return a surface's numbers up to BAR as a tuple: an array would be counted at every ray."""
+    a, i = rows, item
+    first = (a[i, 0], a[i, 1], a[i, 2], a[i, 3], a[i, 4], a[i, 5], a[i, 6], a[i, 7])
+    last = (a[i, 8], a[i, 9], a[i, 10], a[i, 11], a[i, 12], a[i, 13], a[i, 14], a[i, 15])
+    return first + last
+
+
+# Without branches that depend on the ray, it is compiled for several rays at once; so is the next.
+# Where it divides by 0, NumPy's rules give a miss.
+@compiled(inline="always")
+def _meet_flat(kind, row, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
+    falling = _along(row, AWAY, dx, dy, dz)
+    x, y, z = row[0] - ox, row[1] - oy, row[2] - oz
+    t = _along(row, AWAY, x, y, z) / falling
     x, y, z = t * dx - x, t * dy - y, t * dz - z
-    u = _along(rows, item, ACROSS, x, y, z)
-    if abs(u) > rows[item, HALF_WIDTH]:
-        return math.inf
-    v = _along(rows, item, DOWN, x, y, z)
-    if abs(v) > rows[item, HALF_HEIGHT]:
-        return math.inf
+    u, v = _along(row, ACROSS, x, y, z), _along(row, DOWN, x, y, z)
+    hit = (falling != 0.0) & (t >= _LEAST)
+    hit &= (abs(u) <= row[HALF_WIDTH]) & (abs(v) <= row[HALF_HEIGHT])
     if kind == DISC:
-        a, b = u / rows[item, HALF_WIDTH], v / rows[item, HALF_HEIGHT]
-        if a * a + b * b > 1.0:
-            return math.inf
+        a, b = u / row[HALF_WIDTH], v / row[HALF_HEIGHT]
+        hit &= a * a + b * b <= 1.0
     elif kind == LATTICE:
-        a = (u + rows[item, HALF_WIDTH]) / rows[item, PITCH]
-        b = (v + rows[item, HALF_HEIGHT]) / rows[item, PITCH]
-        if a - math.floor(a) > rows[item, BAR] and b - math.floor(b) > rows[item, BAR]:
-            return math.inf
-    return t
+        a, b = (u + row[HALF_WIDTH]) / row[PITCH], (v + row[HALF_HEIGHT]) / row[PITCH]
+        hit &= (a - math.floor(a) <= row[BAR]) | (b - math.floor(b) <= row[BAR])
+    return t if hit else math.inf
 
 
 @compiled(inline="always")
-def _meet_round(kind, rows, item, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
-    x, y, z = ox - rows[item, 0], oy - rows[item, 1], oz - rows[item, 2]
+def _meet_round(kind, row, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
+    x, y, z = ox - row[0], oy - row[1], oz - row[2]
     a = dx * dx + dy * dy + dz * dz
     b = dx * x + dy * y + dz * z
-    c = x * x + y * y + z * z - rows[item, HALF_WIDTH] * rows[item, HALF_WIDTH]
-    rise, height = 0.0, 0.0
+    c = x * x + y * y + z * z - row[HALF_WIDTH] * row[HALF_WIDTH]
+    rise, height, half = 0.0, 0.0, math.inf
     if kind == CYLINDER:
-        rise, height = _along(rows, item, DOWN, dx, dy, dz), _along(rows, item, DOWN, x, y, z)
+        rise, height = _along(row, DOWN, dx, dy, dz), _along(row, DOWN, x, y, z)
+        half = row[HALF_HEIGHT]
         a -= rise * rise
         b -= rise * height
         c -= height * height
-    root = b * b - a * c
-    if root < 0.0 or a < 1e-12:
-        return math.inf
-    root = math.sqrt(root)
-    t = (-b - root) / a
-    if t > _LEAST and (kind == SPHERE or abs(height + t * rise) <= rows[item, HALF_HEIGHT]):
-        return t
-    t = (-b + root) / a
-    if t > _LEAST and (kind == SPHERE or abs(height + t * rise) <= rows[item, HALF_HEIGHT]):
-        return t
-    return math.inf
+    square = b * b - a * c
+    root = math.sqrt(max(square, 0.0))
+    near, far = (-b - root) / a, (-b + root) / a
+    entered = (near > _LEAST) & (abs(height + near * rise) <= half)
+    left = (far > _LEAST) & (abs(height + far * rise) <= half)
+    t = near if entered else far
+    return t if (square >= 0.0) & (a >= 1e-12) & (entered | left) else math.inf
 
 
-@compiled(inline="always")
-def meet(kind, rows, item, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
+@compiled(inline="always", error_model="numpy")
+def meet(kind, row, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
     """Return a surface's distance along a ray, in lengths of its direction; infinity for a miss.
 
     Parameters
     ----------
     kind : int
         The surface's kind.
-    row : ndarray of float64, shape (COLUMNS,)
-        Its numbers.
+    row : tuple of float
+        Its numbers, from `row_of`.
     ox, oy, oz, dx, dy, dz : float
         The ray's origin and direction.
     """
     if kind <= LATTICE:
-        return _meet_flat(kind, rows, item, ox, oy, oz, dx, dy, dz)
-    return _meet_round(kind, rows, item, ox, oy, oz, dx, dy, dz)
+        return _meet_flat(kind, row, ox, oy, oz, dx, dy, dz)
+    return _meet_round(kind, row, ox, oy, oz, dx, dy, dz)
 
 
 @compiled(inline="always")
@@ -139,12 +137,12 @@ def arctan2(y, x):  # type: ignore[no-untyped-def]
 
 
 @compiled(inline="always")
-def place_on(kind, rows, item, x, y, z):  # type: ignore[no-untyped-def]
+def place_on(kind, row, x, y, z):  # type: ignore[no-untyped-def]
     """Return a point's place on a surface in metres, (across, down); unroll round surfaces."""
-    x, y, z = x - rows[item, 0], y - rows[item, 1], z - rows[item, 2]
-    u, v = _along(rows, item, ACROSS, x, y, z), _along(rows, item, DOWN, x, y, z)
+    x, y, z = x - row[0], y - row[1], z - row[2]
+    u, v = _along(row, ACROSS, x, y, z), _along(row, DOWN, x, y, z)
     if kind >= SPHERE:
-        u = arctan2(u, _along(rows, item, AWAY, x, y, z)) * rows[item, HALF_WIDTH]
+        u = arctan2(u, _along(row, AWAY, x, y, z)) * row[HALF_WIDTH]
     return u, v
 
 
@@ -314,21 +312,21 @@ def _corners(rows, item, left, top, right, bottom, view, out):  # type: ignore[n
     # lens's; last 1, or 0 if the plane is parallel to some of the rays.
     out[0], out[2], out[4] = math.inf, math.inf, math.inf
     out[1], out[3], out[5] = -math.inf, -math.inf, -math.inf
-    sign = 0.0
+    row, sign = row_of(rows, item), 0.0
     for corner in range(16):
         ox = view[1] if corner & 1 else -view[1]
         oy = view[1] if corner & 2 else -view[1]
         dx = (right if corner & 4 else left) - ox / view[2]
         dy = (bottom if corner & 8 else top) - oy / view[2]
-        falling = _along(rows, item, AWAY, dx, dy, 1.0)
+        falling = _along(row, AWAY, dx, dy, 1.0)
         if falling == 0.0 or falling * sign < 0.0:
             out[6] = 0.0
             return
         sign = falling
-        x, y, z = rows[item, 0] - ox, rows[item, 1] - oy, rows[item, 2]
-        t = _along(rows, item, AWAY, x, y, z) / falling
+        x, y, z = row[0] - ox, row[1] - oy, row[2]
+        t = _along(row, AWAY, x, y, z) / falling
         x, y, z = t * dx - x, t * dy - y, t - z
-        u, v = _along(rows, item, ACROSS, x, y, z), _along(rows, item, DOWN, x, y, z)
+        u, v = _along(row, ACROSS, x, y, z), _along(row, DOWN, x, y, z)
         out[0], out[1] = min(out[0], t), max(out[1], t)
         out[2], out[3] = min(out[2], u), max(out[3], u)
         out[4], out[5] = min(out[4], v), max(out[5], v)
@@ -355,13 +353,44 @@ def nearest(kinds, rows, items, nears, begin, end, dx, dy, ox, oy):  # type: ign
         if nears[place] >= best:
             break
         item = items[place]
-        t = meet(kinds[item], rows, item, ox, oy, 0.0, dx, dy, 1.0)
+        t = meet(kinds[item], row_of(rows, item), ox, oy, 0.0, dx, dy, 1.0)
         if t < best:
             found, best = item, t
     return found, best
 
 
-@compiled()
+@compiled(error_model="numpy")
+def _meet_in_order(kinds, rows, items, nears, rays, zs, met):  # type: ignore[no-untyped-def]
+    # Replace each ray's z by that of the first surface that it meets before it, and note which.
+    farthest = math.inf
+    for item, least in zip(items, nears):  # noqa: B905 - numba knows no `strict`
+        if least >= farthest:
+            break
+        kind, row = kinds[item], row_of(rows, item)
+        # Each with the code of one kind.
+        if kind == RECTANGLE:
+            _meet_each(RECTANGLE, row, item, rays, zs, met)
+        elif kind == DISC:
+            _meet_each(DISC, row, item, rays, zs, met)
+        elif kind == LATTICE:
+            _meet_each(LATTICE, row, item, rays, zs, met)
+        elif kind == SPHERE:
+            _meet_each(SPHERE, row, item, rays, zs, met)
+        else:
+            _meet_each(CYLINDER, row, item, rays, zs, met)
+        farthest = zs.max()
+
+
+@compiled(inline="always")
+def _meet_each(kind, row, item, rays, zs, met):  # type: ignore[no-untyped-def]
+    ox, oy, dx, dy = rays
+    for ray in range(len(zs)):
+        t = meet(kind, row, ox[ray], oy[ray], 0.0, dx[ray], dy[ray], 1.0)
+        met[ray] = item if t < zs[ray] else met[ray]
+        zs[ray] = t if t < zs[ray] else zs[ray]
+
+
+@compiled(error_model="numpy")
 def gather(  # type: ignore[no-untyped-def]
     scene, tiles, tile_size, points, picks, view, ring, channel, begin, end, out
 ):
@@ -397,24 +426,30 @@ def gather(  # type: ignore[no-untyped-def]
     height, width = out.shape[:2]
     count = points.shape[1]
     spread = _SPREAD * 2.0 * radius / math.sqrt(count)
+    rays, zs, met = np.empty((4, count)), np.empty(count), np.empty(count, np.int64)
+    ox, oy, dx, dy = rays
     for y in range(begin, end):
         for x in range(width):
             tile = (y // tile_size) * ((width + tile_size - 1) // tile_size) + x // tile_size
             first, last = ends[tile], ends[tile + 1]
             own = points[picks[y, x]]
+            for ray in range(count):
+                ox[ray], oy[ray] = radius * own[ray, 0], radius * own[ray, 1]
+                dx[ray] = (x - 0.5 * (width - 1) + own[ray, 2]) / focal - ox[ray] / focus
+                dy[ray] = (y - 0.5 * (height - 1) + own[ray, 3]) / focal - oy[ray] / focus
+            zs[:], met[:] = math.inf, -1
+            if ring[1] > 0.0:
+                for ray in range(count):
+                    a, b = ox[ray] + ring[0] * dx[ray], oy[ray] + ring[0] * dy[ray]
+                    zs[ray] = -math.inf if a * a + b * b > ring[1] * ring[1] else math.inf
+            _meet_in_order(kinds, rows, items[first:last], nears[first:last], rays, zs, met)
             red, green, blue = 0.0, 0.0, 0.0
-            for sample in range(count):
-                ox, oy = radius * own[sample, 0], radius * own[sample, 1]
-                dx = (x - 0.5 * (width - 1) + own[sample, 2]) / focal - ox / focus
-                dy = (y - 0.5 * (height - 1) + own[sample, 3]) / focal - oy / focus
-                if ring[1] > 0.0:
-                    a, b = ox + ring[0] * dx, oy + ring[0] * dy
-                    if a * a + b * b > ring[1] * ring[1]:
-                        continue
-                item, z = nearest(kinds, rows, items, nears, first, last, dx, dy, ox, oy)
+            for ray in range(count):
+                item, z = met[ray], zs[ray]
                 if item < 0:
                     continue
-                u, v = place_on(kinds[item], rows, item, ox + z * dx, oy + z * dy, z)
+                u, v = ox[ray] + z * dx[ray], oy[ray] + z * dy[ray]
+                u, v = place_on(kinds[item], row_of(rows, item), u, v, z)
                 light = light_at(lightmap, charts, item, u, v)
                 finest = max(_FINEST * z / focal, spread * abs(1.0 - z / focus))
                 texels = rows[item, TEXELS]
@@ -427,7 +462,7 @@ def gather(  # type: ignore[no-untyped-def]
                     out[y, x, number] = light / count
 
 
-@compiled()
+@compiled(error_model="numpy")
 def distances(scene, tiles, tile_size, focal, out):  # type: ignore[no-untyped-def]
     """Fill `out` with the z in metres that a pinhole sees at each pixel's centre.
 
@@ -549,11 +584,11 @@ def _add_sky(  # type: ignore[no-untyped-def]
     out[node] = ambient * (_LEAST_SKY + (1.0 - _LEAST_SKY) * free / len(sky))
 
 
-@compiled()
+@compiled(error_model="numpy")
 def _hidden(kinds, rows, close, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
     found = False
     for item in close:
-        if meet(kinds[item], rows, item, ox, oy, oz, dx, dy, dz) < 1.0:
+        if meet(kinds[item], row_of(rows, item), ox, oy, oz, dx, dy, dz) < 1.0:
             found = True
             break
     return found

@@ -13,7 +13,7 @@ PHOTOGRAPHS = {"plain": np.ones((4, 4, 3))}
 
 def met(shape: Panel | Round, origin: tuple[float, ...], way: tuple[float, ...]) -> float:
     scene = pack([shape], PHOTOGRAPHS)
-    return float(tracing.meet(scene.kinds[0], scene.rows, 0, *origin, *way))
+    return float(tracing.meet(scene.kinds[0], tracing.row_of(scene.rows, 0), *origin, *way))
 
 
 def test_a_cylinder_is_met_outside_and_inside_and_missed_past_its_ends() -> None:
