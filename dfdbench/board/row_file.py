@@ -421,9 +421,10 @@ def row_problems(row: Row, folder: Path, where: str) -> Iterator[Problem]:
     # Asking what packages offer takes a while, and no package takes a built-in name.
     entry = name if ":" in name else built_in_methods().get(name) or registered_methods().get(name)
     if not row.method.scored and entry and wording.without_folders(entry) != row.method.entry:
-        what = f"{row.method.name} is another method here: {wording.without_folders(entry)}"
+        what, expected = f"{name} is another method here", wording.without_folders(entry)
+        about = {"where": f"{where}: method.entry", "got": row.method.entry}
         fix = "name the method by its entry: MODULE:NAME"
-        yield Problem(what, where=f"{where}: method.entry", fix=fix)
+        yield Problem(what, expected=expected, fix=fix, **about)
     for fitted_on in dict.fromkeys(row.method_of(run).fitted_on for run in row.runs):
         if seen := scenes_seen(fitted_on or "", row.manifest, row.split):
             what = f"the method was fitted on scenes of the test, {', '.join(seen)}"

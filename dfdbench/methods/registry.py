@@ -56,7 +56,12 @@ def check_parameters(entry: str, target: Callable[..., Any], arguments: Mapping[
     MethodError.raise_if(_texts(entry, known, arguments))
     if isinstance(target, type):
         MethodError.raise_if(
-            Problem("parameter is needed", where=entry, expected=name, fix=f"--param {name}=VALUE")
+            Problem(
+                "parameter is needed",
+                where=entry,
+                expected=name,
+                fix=f"give {name}=VALUE, or --param {name}=VALUE",
+            )
             for name, parameter in known.items()
             if parameter.default is parameter.empty
             and parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)

@@ -369,25 +369,27 @@ def _meet_in_order(kinds, rows, items, nears, rays, zs, met):  # type: ignore[no
         kind, row = kinds[item], row_of(rows, item)
         # Each with the code of one kind.
         if kind == RECTANGLE:
-            _meet_each(RECTANGLE, row, item, rays, zs, met)
+            _meet_each(RECTANGLE, row, item, least, rays, zs, met)
         elif kind == DISC:
-            _meet_each(DISC, row, item, rays, zs, met)
+            _meet_each(DISC, row, item, least, rays, zs, met)
         elif kind == LATTICE:
-            _meet_each(LATTICE, row, item, rays, zs, met)
+            _meet_each(LATTICE, row, item, least, rays, zs, met)
         elif kind == SPHERE:
-            _meet_each(SPHERE, row, item, rays, zs, met)
+            _meet_each(SPHERE, row, item, least, rays, zs, met)
         else:
-            _meet_each(CYLINDER, row, item, rays, zs, met)
+            _meet_each(CYLINDER, row, item, least, rays, zs, met)
         farthest = zs.max()
 
 
 @compiled(inline="always")
-def _meet_each(kind, row, item, rays, zs, met):  # type: ignore[no-untyped-def]
+def _meet_each(kind, row, item, least, rays, zs, met):  # type: ignore[no-untyped-def]
     ox, oy, dx, dy = rays
     for ray in range(len(zs)):
         t = meet(kind, row, ox[ray], oy[ray], 0.0, dx[ray], dy[ray], 1.0)
-        met[ray] = item if t < zs[ray] else met[ray]
-        zs[ray] = t if t < zs[ray] else zs[ray]
+        # What is nearer than `CLOSEST` can be met before its `least`.
+        first = (t < zs[ray]) & (least < zs[ray])
+        met[ray] = item if first else met[ray]
+        zs[ray] = t if first else zs[ray]
 
 
 @compiled(error_model="numpy")
