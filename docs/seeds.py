@@ -24,8 +24,6 @@ from dfdbench.metrics.intervals import LEVEL, chance, group_interval, holm
 
 ROOT = Path(__file__).parents[1]
 PHOTOGRAPHS = "dfd-indoor-1"
-
-
 #: By how much the first of two methods is worse, of pairs that have an order.
 Orders = dict[tuple[str, str], float]
 
