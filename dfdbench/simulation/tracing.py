@@ -333,32 +333,6 @@ def _corners(rows, item, left, top, right, bottom, view, out):  # type: ignore[n
     out[6] = 1.0
 
 
-@compiled(inline="always")
-def nearest(kinds, rows, items, nears, begin, end, dx, dy, ox, oy):  # type: ignore[no-untyped-def]
-    """Return the first surface that a ray meets and its z; -1 and infinity if there is none.
-
-    Parameters
-    ----------
-    kinds, rows : ndarray
-        The scene's surfaces.
-    items, nears : ndarray
-        From `list_tiles`.
-    begin, end : int
-        The part of them to try.
-    dx, dy, ox, oy : float
-        The ray goes from (ox, oy, 0) along (dx, dy, 1).
-    """
-    found, best = -1, math.inf
-    for place in range(begin, end):
-        if nears[place] >= best:
-            break
-        item = items[place]
-        t = meet(kinds[item], row_of(rows, item), ox, oy, 0.0, dx, dy, 1.0)
-        if t < best:
-            found, best = item, t
-    return found, best
-
-
 @compiled(error_model="numpy")
 def _meet_in_order(kinds, rows, items, nears, rays, zs, met):  # type: ignore[no-untyped-def]
     # Replace each ray's z by that of the first surface that it meets before it, and note which.
@@ -473,12 +447,16 @@ def distances(scene, tiles, tile_size, focal, out):  # type: ignore[no-untyped-d
     kinds, rows = scene[0], scene[1]
     ends, items, nears = tiles
     height, width = out.shape
+    rays, zs, met = np.zeros((4, 1)), np.empty(1), np.empty(1, np.int64)
     for y in range(height):
         for x in range(width):
             tile = (y // tile_size) * ((width + tile_size - 1) // tile_size) + x // tile_size
-            dx, dy = (x - 0.5 * (width - 1)) / focal, (y - 0.5 * (height - 1)) / focal
+            rays[2, 0] = (x - 0.5 * (width - 1)) / focal
+            rays[3, 0] = (y - 0.5 * (height - 1)) / focal
+            zs[0] = math.inf
             first, last = ends[tile], ends[tile + 1]
-            out[y, x] = nearest(kinds, rows, items, nears, first, last, dx, dy, 0.0, 0.0)[1]
+            _meet_in_order(kinds, rows, items[first:last], nears[first:last], rays, zs, met)
+            out[y, x] = zs[0]
 
 
 @compiled()
