@@ -70,4 +70,5 @@ BUILT_IN = {
     "s-transform": "dfdbench.methods.s_transform:STransform",
     "sgm": "dfdbench.methods.sgm:SemiGlobal",
     "u-net": "dfdbench.methods.learned:UNetMethod",
+    "wls": "dfdbench.methods.wls:WeightedLeastSquares",
 }

@@ -113,7 +113,7 @@ def choose(
         named.append(str(getattr(capture, "group", "")))
         if place in looked_at:
             parts[place] = _part(capture, looked_at[place], change, max(_SIDE, window))
-    groups = np.array(named if all(named) else [str(index * FOLDS // count) for index in read])
+    groups = groups_of(named, read, count)
     if len(set(groups)) == 1:
         return AS_USUAL
     search = _Search(
@@ -135,6 +135,26 @@ def choose(
         return AS_USUAL
     best = min(better, key=search.error)
     return replace(best, energy=best.weight * energy_of(shares))
+
+
+def groups_of(named: Sequence[str], read: Sequence[int], count: int) -> NDArray[np.str_]:
+    """Return the groups of captures: their names, or `FOLDS` of consecutive ones if any has none.
+
+    Parameters
+    ----------
+    named : sequence of str
+        The group of each capture that was read, empty if unknown.
+    read : sequence of int
+        Its index among all captures.
+    count : int
+        How many captures there are.
+
+    Examples
+    --------
+    >>> groups_of(["", "den"], [0, 1], 2).tolist()
+    ['0', '2']
+    """
+    return np.array(named if all(named) else [str(index * FOLDS // count) for index in read])
 
 
 def shares_of(capture: TrainingPair) -> NDArray[np.float64]:

@@ -413,14 +413,19 @@ def depth_table(
         known = known[evenly_spread(known.size, _PIXELS)]
         measures.append(measure(pair.infocus, pair.defocus).ravel()[known])
         depths.append(pair.levels.ravel()[known])
-    measured, depth = np.concatenate([[], *measures]), np.concatenate([[], *depths])
+    measured, depth = table_of(measures, depths)
     if not depth.size:
         raise nothing_to_fit(method, "training pairs with known depth", "none")
-    groups = np.array_split(np.argsort(measured, kind="stable"), min(_ENTRIES, depth.size))
-    return {
-        "measure": np.array([measured[group].mean() for group in groups]),
-        "depth": np.array([np.median(depth[group]) for group in groups]),
-    }
+    return {"measure": measured, "depth": depth}
+
+
+def table_of(measures: Sequence[Array], depths: Sequence[Array]) -> tuple[Array, Array]:
+    """Return the table that `depth_table` learns, from each pair's measures and depths."""
+    measured, depth = np.concatenate([[], *measures]), np.concatenate([[], *depths])
+    order = np.argsort(measured, kind="stable")
+    groups = np.array_split(order, min(_ENTRIES, depth.size)) if depth.size else []
+    means = np.array([measured[group].mean() for group in groups])
+    return means, np.array([np.median(depth[group]) for group in groups])
 
 
 def channels_of(image: Image) -> NDArray[np.float32]:

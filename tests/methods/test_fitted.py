@@ -15,14 +15,15 @@ from dfdbench.methods.method import Predict, restore, teach
 from dfdbench.methods.registry import load, load_method
 from tests.methods.made_planes import inside, plane, slope, texture
 
-NAMES = ["favaro-soatto", "guided", "rational-filters", "s-transform", "sgm"]
+NAMES = ["favaro-soatto", "guided", "rational-filters", "s-transform", "sgm", "wls"]
+LEARNED = ("favaro-soatto", "wls")
 READY = [*NAMES, "graph-cuts", "graph-cuts-rounded"]
 
 
 @cache
 def ready(name: str) -> Predict:
     """Return the method, told the blur, or fitted where it takes no recipe."""
-    if name != "favaro-soatto":
+    if name not in LEARNED:
         return load(name, recipe=RECIPES["published"])
     method = load_method(name, {}, {})
     teach(method, [slope(seed) for seed in range(2)])
@@ -37,6 +38,7 @@ def test_a_plane_is_found() -> None:
         ("favaro-soatto", (5, 5, 5)),
         # The larger the blur, the less it is a matter of the Laplacian alone.
         ("s-transform", (16, 2, 6)),
+        ("wls", (8, 3, 8)),
     ):
         for level, error in zip((20, 120, 240), errors, strict=True):
             pair = plane(level, seed=50)
@@ -53,6 +55,7 @@ def test_wrong_parameters_are_all_named() -> None:
         ("graph-cuts", {"prior": "yes"}),
         ("s-transform", {"smoothing": 0, "window": 4, "sure": "very"}),
         ("rational-filters", {"prior": "yes", "window": -3}),
+        ("wls", {"contrast": 0}),
         ("favaro-soatto", {"sharp_patch": 4, "blurred_patch": 0, "groups": 1, "window": 2}),
     ]
     for name, wrong in wrong_ones:
@@ -98,7 +101,7 @@ def test_the_number_of_threads_changes_no_byte(name: str) -> None:
 
 
 # The others learn a blur law: `tests/methods/test_calibration.py`.
-@pytest.mark.parametrize("name", ["favaro-soatto", "s-transform"])
+@pytest.mark.parametrize("name", [*LEARNED, "s-transform"])
 def test_what_is_learned_is_all_that_is_needed_and_the_same_each_time(name: str) -> None:
     pairs = [slope(seed) for seed in range(2)]
     first, other = load_method(name, {}, {}), load_method(name, {}, {})

@@ -1,0 +1,276 @@
+"""Blur that pixels with texture lend to those without, as far as the image's edges."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dfdbench.errors import MethodError
+from dfdbench.methods import fitted
+from dfdbench.methods.choices import groups_of
+from dfdbench.methods.method import Learned, TrainingPair
+from dfdbench.system.compiled import compiled, in_threads
+
+_NAME = "wls"
+# In squared grey levels a square pixel: where the Laplacian has less, there is no texture. What is
+# measured there hardly counts.
+_NO_TEXTURE = 1e-3
+# Rounds of smoothing along rows and columns: with fewer, stripes show.
+_ROUNDS = 3
+# What the fit tries on how many training captures, evenly among all, and on how many pixels of
+# each: the smoothing and window of the measure, with each strength.
+_MEASURES = ((2.5, 9), (1.0, 15), (0.5, 31))
+_STRENGTHS = (0.0, 1e1, 1e2, 1e3, 1e4, 1e5)
+_LOOKED_AT, _PIXELS = 16, 5_000
+# Of larger captures the fit takes a part with this side, which bounds its memory.
+_SIDE = 640
+
+Array = NDArray[Any]
+
+
+class Choice(NamedTuple):
+    """How the blur is measured, and how strongly neighbours are tied to each other."""
+
+    smoothing: float
+    window: int
+    strength: float
+
+    def as_dict(self) -> dict[str, float]:
+        """Return it for a run's record."""
+        return self._asdict()
+
+
+class WeightedLeastSquares:
+    """Depth from the blur's variance, smoothed within the in-focus image's edges.
+
+    The variance v that the blur adds is measured as by `STransform`, in small windows. Then each
+    pixel's answer u is a compromise: near its own v, the more so the more texture it has, and near
+    its neighbours' u, the less so the more their colours differ. A table from training captures
+    turns u into depth. The fit also chooses smoothing, window and strength, by the least absolute
+    error on training captures whose group the table has not seen.
+
+    Parameters
+    ----------
+    contrast : float
+        The difference of two neighbours, in grey levels, at which the tie between them falls to
+        1 / e. A mean over channels.
+
+    Raises
+    ------
+    MethodError
+        For a contrast out of range; at a call before a fit, or with an image smaller than the
+        window.
+
+    Notes
+    -----
+    With w for the root of the mean squared Laplacian, and k for ``exp(-difference / contrast)``, u
+    has the least ``sum w (u - v)^2 + strength * sum over neighbours k (u_p - u_q)^2``: Farbman et
+    al., Edge-preserving decompositions for multi-scale tone and detail manipulation, SIGGRAPH 2008.
+    It is solved approximately, row by row and column by column in turns, for w v and for w, whose
+    quotient is u: Min et al., Fast global image smoothing based on weighted least squares, TIP
+    2014. To lend blur from where it is measured well to where it is not: Zhuo and Sim, Defocus map
+    estimation from a single image, Pattern Recognition 2011.
+
+    Examples
+    --------
+    >>> from dfdbench.blur import RECIPES, synthesize
+    >>> from dfdbench.datasets.captures import Capture
+    >>> from dfdbench.datasets.manifest import Pair
+    >>> image = np.random.default_rng(0).integers(0, 256, (60, 120, 3)).astype(np.uint8)
+    >>> image = cv2.GaussianBlur(image, (0, 0), 3)
+    >>> depth = np.repeat(np.array([[40, 120, 200]], np.uint8), 60, 0).repeat(40, 1)
+    >>> defocus = synthesize(image, depth, RECIPES["published"])
+    >>> pair = Capture(Pair("room", ()), np.stack([image, defocus]), depth.astype(np.float32))
+    >>> method = WeightedLeastSquares()
+    >>> method.restore(method.fit([pair]))
+    >>> bool(np.abs(method(image, defocus)[30, 20::40] - [40, 120, 200]).max() < 10)
+    True
+    """
+
+    paper = "Min et al., Fast global image smoothing based on weighted least squares, TIP 2014"
+
+    def __init__(self, contrast: float = 3.0) -> None:
+        MethodError.raise_if(fitted.number_within("contrast", contrast, 255))
+        self._contrast = float(contrast)
+        #: What the fit chose.
+        self.chosen = Choice(*_MEASURES[0], _STRENGTHS[3])
+        self._table: tuple[Array, Array] | None = None
+
+    def fit(self, pairs: Sequence[TrainingPair]) -> Learned:
+        """Learn how to measure and smooth, and the table of ``measure`` and ``depth``.
+
+        Raises
+        ------
+        MethodError
+            If no pair has a pixel of known depth, or pairs are not taken alike.
+        """
+        from dfdbench.methods.stacks import require_alike
+
+        require_alike(pairs)
+        trial = copy.copy(self)
+        trial.chosen = self._best_on(pairs)
+        return trial.chosen.as_dict() | fitted.depth_table(trial.variance, pairs, _NAME)
+
+    def restore(self, learned: Learned) -> None:
+        """Take over what `fit` learned."""
+        smoothing, window, strength = (
+            float(fitted.learned_array(learned, name, _NAME, 0)) for name in Choice._fields
+        )
+        self.chosen = Choice(smoothing, int(window), strength)
+        measure, depth = (
+            fitted.learned_array(learned, name, _NAME, 1) for name in ("measure", "depth")
+        )
+        self._table = measure, depth
+
+    def warm_up(self, infocus: fitted.Image, defocus: fitted.Image) -> None:
+        """Compile the code that the first call would compile."""
+        self.variance(infocus[:32, :32].copy(), defocus[:32, :32].copy())
+
+    def __call__(self, infocus: fitted.Image, defocus: fitted.Image) -> NDArray[np.float32]:
+        """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
+        if self._table is None:
+            raise fitted.not_fitted(_NAME)
+        fitted.require_window_fits(self.chosen.window, infocus, _NAME)
+        return np.asarray(np.interp(self.variance(infocus, defocus), *self._table), np.float32)
+
+    def variance(self, infocus: fitted.Image, defocus: fitted.Image) -> NDArray[np.float64]:
+        """Return what the blur adds to the variance along an axis, square pixels, shape (y, x)."""
+        smoothing, window, strength = self.chosen
+        return self._smoothed(*measured(infocus, defocus, smoothing, window), infocus, strength)
+
+    def _smoothed(
+        self, variance: Array, weight: Array, infocus: fitted.Image, strength: float
+    ) -> NDArray[np.float64]:
+        if not strength:
+            return variance
+        fields = np.stack([weight * variance, weight])
+        guide = fitted.channels_of(infocus)
+        across, down = (
+            np.exp(-np.abs(np.diff(guide, axis=axis)).mean(axis=2) / self._contrast)
+            for axis in (1, 0)
+        )
+        across, down = across.astype(np.float64), np.ascontiguousarray(down.T, np.float64)
+        for turn in range(_ROUNDS):
+            part = strength * 1.5 * 4.0 ** (_ROUNDS - 1 - turn) / (4.0**_ROUNDS - 1)
+            for tie in (across, down):
+                _smooth_rows(fields, part * tie)
+                fields = np.ascontiguousarray(fields.swapaxes(1, 2))
+        return np.asarray(fields[0] / fields[1])
+
+    def _best_on(self, pairs: Sequence[TrainingPair]) -> Choice:
+        """Return the choice of least absolute error, each group's by a table of the others."""
+        read = fitted.evenly_spread(len(pairs), _LOOKED_AT)
+        parts = [_part(pairs[index], turn) for turn, index in enumerate(read)]
+        groups = groups_of([part.group for part in parts], read, len(pairs))
+        least, best = np.inf, self.chosen
+        for smoothing, window in _MEASURES:
+            if any(window > min(part.infocus.shape[:2]) for part in parts):
+                continue
+            for part in parts:
+                part.measured = measured(part.infocus, part.defocus, smoothing, window)
+            for strength in _STRENGTHS:
+
+                def smooth(part: _Part, by: float = strength) -> Array:
+                    return self._smoothed(*part.measured, part.infocus, by).ravel()[part.known]
+
+                levels = [part.levels for part in parts]
+                if (error := _error(in_threads(smooth, parts), levels, groups)) < least:
+                    least, best = error, Choice(smoothing, window, strength)
+        return best
+
+
+def measured(
+    infocus: fitted.Image, defocus: fitted.Image, smoothing: float, window: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the variance that the blur adds, and how much texture says so; shape (y, x).
+
+    The least squares of `STransform`, with the root of the mean squared Laplacian as the weight.
+
+    Parameters
+    ----------
+    infocus, defocus : ndarray of uint8, shape (y, x, 3) or (y, x)
+    smoothing : float
+        Standard deviation of the Gaussian that both images are smoothed with first, in pixels.
+    window : int
+        Side of the square window, odd.
+    """
+    edge = cv2.BORDER_REPLICATE
+    sharp, blurred = (
+        np.atleast_3d(
+            cv2.GaussianBlur(image.astype(np.float32), (0, 0), smoothing, borderType=edge)
+        )
+        for image in (infocus, defocus)
+    )
+    laplacian = np.atleast_3d(cv2.Laplacian((sharp + blurred) / 2, cv2.CV_32F, borderType=edge))
+    along, square = (
+        cv2.boxFilter(products.sum(2), cv2.CV_64F, (window, window), borderType=edge)
+        for products in ((blurred - sharp) * laplacian, laplacian**2)
+    )
+    # Sums that a filter updates from pixel to pixel may end below 0.
+    square = np.maximum(square, 0) + _NO_TEXTURE
+    return np.asarray(2 * along / square), np.sqrt(square)
+
+
+@dataclass
+class _Part:
+    """Part of a training capture: its images, and the levels of some known pixels."""
+
+    infocus: fitted.Image
+    defocus: fitted.Image
+    known: NDArray[np.intp]
+    levels: NDArray[np.float64]
+    group: str
+    measured: tuple[Array, Array] = ()  # type: ignore[assignment]
+
+
+def _part(capture: TrainingPair, turn: int) -> _Part:
+    # A copy: a view would keep all of a large capture.
+    part = fitted.part_of(capture.levels.shape, turn, _SIDE)
+    known = np.flatnonzero(capture.valid[part])
+    known = known[fitted.evenly_spread(known.size, _PIXELS)]
+    levels = capture.levels[part].ravel()[known].astype(np.float64)
+    images = capture.infocus[part].copy(), capture.defocus[part].copy()
+    return _Part(*images, known, levels, str(getattr(capture, "group", "")))
+
+
+def _error(measures: Sequence[Array], levels: Sequence[Array], groups: Array) -> float:
+    """Return the mean over captures of the absolute error by a table of the other groups."""
+    errors = []
+    for group in sorted(set(groups)):
+        captures = list(zip(groups == group, measures, levels, strict=True))
+        others = [measure for own, measure, _ in captures if not own]
+        table = fitted.table_of(others, [truth for own, _, truth in captures if not own])
+        for own, measure, truth in captures:
+            if own and truth.size and len(table[0]):
+                errors.append(np.abs(np.interp(measure, *table) - truth).mean())
+    return float(np.mean(errors)) if errors else np.inf
+
+
+@compiled()
+def _smooth_rows(fields: Array, ties: Array) -> None:
+    """Solve ``(1 + L) u = f`` on each row of fields, in place; L ties neighbours to each other.
+
+    Elimination of a matrix with three diagonals, the same for all fields.
+    """
+    count, height, width = fields.shape
+    factors = np.empty(width)
+    for y in range(height):
+        before = 0.0
+        for x in range(width):
+            after = ties[y, x] if x < width - 1 else 0.0
+            kept = before * factors[x - 1] if x else 0.0
+            pivot = 1.0 + before + after - kept
+            factors[x] = after / pivot
+            for field in range(count):
+                carried = before * fields[field, y, x - 1] if x else 0.0
+                fields[field, y, x] = (fields[field, y, x] + carried) / pivot
+            before = after
+        for x in range(width - 2, -1, -1):
+            for field in range(count):
+                fields[field, y, x] += factors[x] * fields[field, y, x + 1]
