@@ -86,7 +86,7 @@ def read_out(costs: Array, sharpness: float) -> NDArray[np.float64]:
 
 
 # Their names in what a fit returns.
-_FIELDS = ("prior", "prior_weight", "sharpness", "smoothing", "finer")
+_FIELDS = ("prior", "prior_weight", "sharpness", "smoothing", "finer", "strength")
 
 
 @dataclass(frozen=True)
@@ -106,6 +106,8 @@ class Chosen:
     finer : float
         How many standard deviations around a network's answer to search again in finer steps; 0 to
         leave the answer as it is.
+    strength : float
+        How strongly to smooth that answer `within_edges`; 0 for not at all.
     """
 
     energy: NDArray[np.float64]
@@ -113,11 +115,12 @@ class Chosen:
     sharpness: float = 0.0
     smoothing: int = 1
     finer: float = 0.0
+    strength: float = 0.0
 
     def as_learned(self) -> Learned:
         """Return it in the form that a method's fit returns."""
         values = (self.energy, self.weight, self.sharpness, self.smoothing, self.finer)
-        return dict(zip(_FIELDS, values, strict=True))
+        return dict(zip(_FIELDS, (*values, self.strength), strict=True))
 
     def as_dict(self) -> dict[str, float]:
         """Return it for a run's record, without what is as usual."""
@@ -126,6 +129,7 @@ class Chosen:
             "smoothing": (self.smoothing, 1),
             "sharpness": (self.sharpness, 0.0),
             "finer": (self.finer, 0.0),
+            "strength": (self.strength, 0.0),
         }
         return {name: value for name, (value, usual) in found.items() if value != usual}
 
@@ -154,9 +158,9 @@ class Chosen:
         """Take it out of what a fit learned; return `AS_USUAL` if nothing was chosen."""
         if _FIELDS[0] not in learned:
             return AS_USUAL
-        energy, weight, sharpness, smoothing, finer = (learned.pop(name) for name in _FIELDS)
+        energy, weight, sharpness, smoothing, *rest = (learned.pop(name) for name in _FIELDS)
         energy = np.asarray(energy, np.float64)
-        return cls(energy, float(weight), float(sharpness), int(smoothing), float(finer))
+        return cls(energy, float(weight), float(sharpness), int(smoothing), *map(float, rest))
 
 
 #: No prior, the level of least cost, and no more smoothing than usual.

@@ -17,6 +17,7 @@ from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.errors import MethodError
 from dfdbench.methods.blurred import all_blurred
 from dfdbench.methods.choices import FEWEST, energy_of, shares_of
+from dfdbench.methods.edges import within_edges
 from dfdbench.methods.fitted import Image, Solver, channels_of, evenly_spread, wrong
 from dfdbench.methods.law_cost import MOST_NATS, law_cost
 from dfdbench.methods.measured_law import Calibration
@@ -43,15 +44,18 @@ _PATH_UNIT, _SMALL_STEP, _LARGE_STEP = 16, 40, 800
 # and of a step of one level and of more, as for `SemiGlobal`.
 _COARSER, _LIMIT, _STEPS = 16, 100, (0.5, 15.0)
 # What the fit tries: not to look again, or within so many standard deviations of the network's
-# answer, with so many times the usual smoothing.
+# answer, with so many times the usual smoothing; if none of that helps, to smooth the answer within
+# the image's edges, with this strength and contrast.
 _TRIED = ((0.0, 1), *((reach, smoothing) for smoothing in (1, 2, 13) for reach in (1.0, 2.0, 4.0)))
+_STRENGTH = 1000.0
+_CONTRAST = 2.0
 # What a nat counts in the mean over levels, and nats that count nothing: as sharp as erred least on
 # training captures of Middlebury's tracks.
 _SHARPNESS, _NOTHING = 3.0, 4.0
 # Training captures that it is tried on, evenly among all.
 _LOOKED_AT = 32
-# Standard errors that a mean gain has to exceed: chance alone brings one of the nine that are
-# tried so far in one fit of twenty.
+# Standard errors that a mean gain has to exceed: chance alone brings one of those that are tried so
+# far in one fit of twenty.
 _SURE, _ROUNDING = 2.5, 0.5
 # A number rounded to whole levels has this variance, in squared levels: no spread is less.
 _SMALLEST = 1 / 12
@@ -265,8 +269,9 @@ class VolumeNetMethod(Solver):
     The fit measures the camera's blur and how often training shows each depth. What each of 32
     levels costs a pixel under that blur goes into a small network, trained on rendered rooms seen
     by many lenses, and so made for none. Where the blur explains the images well, finer levels tell
-    more: about the network's answer they are looked at along paths, as `sgm` does, if the gain on
-    training captures is beyond chance.
+    more: about the network's answer they are looked at along paths, as `sgm` does. Where they do
+    not, the answer may be smoothed `within_edges`. Either is done if the gain on training captures
+    is beyond chance.
 
     Parameters
     ----------
@@ -276,7 +281,7 @@ class VolumeNetMethod(Solver):
         Tell the network how often training shows each depth.
     finer : bool
         Let the fit find out whether it helps to look again, in finer steps, about what the network
-        says.
+        says, or to smooth the answer within the image's edges.
     sure : bool
         Also say how sure it is, in levels: the distribution's standard deviation, averaged over 13
         by 13 pixels, or, where it looks again, the spread of the costs about the answer, as of a
@@ -331,40 +336,41 @@ class VolumeNetMethod(Solver):
             chosen = Chosen(energy_of(shares), weight=1.0)
         trial = copy.copy(self)
         trial.calibrations, trial.chosen = tuple(found), chosen
-        finer, smoothing = trial._best_tried(captures)
-        best = replace(chosen, finer=finer, smoothing=smoothing)
+        finer, smoothing, strength = trial._best_tried(captures)
+        best = replace(chosen, finer=finer, smoothing=smoothing, strength=strength)
         return Calibration.all_as_learned(found) | best.as_learned()
 
-    def _best_tried(self, captures: Sequence[TrainingPair]) -> tuple[float, int]:
-        """Return the reach and smoothing of least error, of those that surely err less than none.
+    def _best_tried(self, captures: Sequence[TrainingPair]) -> tuple[float, int, float]:
+        """Return reach, smoothing and strength: what errs least of all that surely helps.
 
         Gains are of the logarithm of a capture's error: each capture counts alike.
         """
         looked_at = evenly_spread(len(captures), _LOOKED_AT)
         if len(self._tried) == 1 or len(looked_at) < FEWEST:
-            return self._tried[0]
+            return *self._tried[0], 0.0
         errors = np.array([self._errors_on(captures[index]) for index in looked_at])
         gains = np.log(errors[:, :1] + _ROUNDING) - np.log(errors + _ROUNDING)
         chance = gains.std(axis=0, ddof=1) / math.sqrt(len(gains))
         means = np.where(gains.mean(axis=0) > _SURE * chance, errors.mean(axis=0), np.inf)
         means[0] = errors[:, 0].mean()
-        return self._tried[int(means.argmin())]
+        *again, smoothed = means
+        best = int(np.argmin(again))
+        return *self._tried[best], _STRENGTH if not best and smoothed < means[0] else 0.0
 
     def _errors_on(self, capture: TrainingPair) -> NDArray[np.float64]:
-        """Return the root mean square error on a capture with everything that is tried."""
+        """Return the root mean square error on a capture with all that is tried, smoothing last."""
         if not capture.valid.any():
-            return np.zeros(len(self._tried))
+            return np.zeros(len(self._tried) + 1)
         infocus, images = self._images_of(capture)
         costs, mean, deviation = self._said(infocus, images, finer=True)
-        errors = list[float]()
-        for reach, smoothing in self._tried:
-            found = mean
-            if reach:
-                by = deviation * np.float32(reach), smoothing * len(images)
-                found = looked_again(costs.copy(), finer_levels(self._network.levels), mean, *by)
-            off = (found - capture.levels)[capture.valid]
-            errors.append(float(np.sqrt(np.square(off).mean())))
-        return np.array(errors)
+        answers = [mean]
+        for reach, smoothing in self._tried[1:]:
+            by = deviation * np.float32(reach), smoothing * len(images)
+            finer = finer_levels(self._network.levels)
+            answers.append(looked_again(costs.copy(), finer, mean, *by))
+        answers += [*_smoothed(_STRENGTH, infocus, mean)]
+        off = [(each - capture.levels)[capture.valid] for each in answers]
+        return np.array([float(np.sqrt(np.square(each).mean())) for each in off])
 
     def _settled(
         self, infocus: Image, images: Sequence[Image]
@@ -380,6 +386,7 @@ class VolumeNetMethod(Solver):
                 deviation = posterior.spread_about(levels)
         else:
             deviation = np.asarray(cv2.blur(deviation, _SURFACE), np.float32)
+        levels, deviation = _smoothed(self.chosen.strength, infocus, levels, deviation)
         return levels, deviation if self._sure.asked else None
 
     def _solve(
@@ -408,6 +415,12 @@ class VolumeNetMethod(Solver):
             found = mean_and_variance(logits, mask, depths)
         mean, variance = (each[0, :rows, :columns].cpu().numpy() for each in found)
         return costs, np.clip(mean, 0, LAST_LEVEL), np.sqrt(variance + _SMALLEST)
+
+
+def _smoothed(strength: float, infocus: Image, *maps: NDArray[np.float32]) -> Any:
+    if not strength:
+        return maps
+    return within_edges(np.stack(maps), infocus, strength, _CONTRAST).astype(np.float32)
 
 
 def _one(planes: Array) -> torch.Tensor:

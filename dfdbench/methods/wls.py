@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 from dfdbench.errors import MethodError
 from dfdbench.methods import fitted
 from dfdbench.methods.choices import groups_of
+from dfdbench.methods.edges import within_edges
 from dfdbench.methods.method import Learned, TrainingPair
-from dfdbench.system.compiled import compiled, in_threads
+from dfdbench.system.compiled import in_threads
 
 _NAME = "wls"
 # In squared grey levels a square pixel: where the Laplacian has less, there is no texture. What is
 # measured there hardly counts.
 _NO_TEXTURE = 1e-3
-# Rounds of smoothing along rows and columns: with fewer, stripes show.
-_ROUNDS = 3
 # What the fit tries on how many training captures, evenly among all, and on how many pixels of
 # each: the smoothing and window of the measure, with each strength.
 _MEASURES = ((2.5, 9), (1.0, 15), (0.5, 31))
@@ -69,11 +68,8 @@ class WeightedLeastSquares:
 
     Notes
     -----
-    With w for the root of the mean squared Laplacian, and k for ``exp(-difference / contrast)``, u
-    has the least ``sum w (u - v)^2 + strength * sum over neighbours k (u_p - u_q)^2``: Farbman et
-    al., Edge-preserving decompositions for multi-scale tone and detail manipulation, SIGGRAPH 2008.
-    It is solved approximately, row by row and column by column in turns, for w v and for w, whose
-    quotient is u: Min et al., Fast global image smoothing based on weighted least squares, TIP
+    With w for the root of the mean squared Laplacian, u is the quotient of w v and w, both smoothed
+    by `within_edges`: Min et al., Fast global image smoothing based on weighted least squares, TIP
     2014. To lend blur from where it is measured well to where it is not: Zhuo and Sim, Defocus map
     estimation from a single image, Pattern Recognition 2011.
 
@@ -150,18 +146,8 @@ class WeightedLeastSquares:
         if not strength:
             return variance
         fields = np.stack([weight * variance, weight])
-        guide = fitted.channels_of(infocus)
-        across, down = (
-            np.exp(-np.abs(np.diff(guide, axis=axis)).mean(axis=2) / self._contrast)
-            for axis in (1, 0)
-        )
-        across, down = across.astype(np.float64), np.ascontiguousarray(down.T, np.float64)
-        for turn in range(_ROUNDS):
-            part = strength * 1.5 * 4.0 ** (_ROUNDS - 1 - turn) / (4.0**_ROUNDS - 1)
-            for tie in (across, down):
-                _smooth_rows(fields, part * tie)
-                fields = np.ascontiguousarray(fields.swapaxes(1, 2))
-        return np.asarray(fields[0] / fields[1])
+        lent, weights = within_edges(fields, infocus, strength, self._contrast)
+        return np.asarray(lent / weights)
 
     def _best_on(self, pairs: Sequence[TrainingPair]) -> Choice:
         """Return the choice of least absolute error, each group's by a table of the others."""
@@ -250,27 +236,3 @@ def _error(measures: Sequence[Array], levels: Sequence[Array], groups: Array) ->
             if own and truth.size and len(table[0]):
                 errors.append(np.abs(np.interp(measure, *table) - truth).mean())
     return float(np.mean(errors)) if errors else np.inf
-
-
-@compiled()
-def _smooth_rows(fields: Array, ties: Array) -> None:
-    """Solve ``(1 + L) u = f`` on each row of fields, in place; L ties neighbours to each other.
-
-    Elimination of a matrix with three diagonals, the same for all fields.
-    """
-    count, height, width = fields.shape
-    factors = np.empty(width)
-    for y in range(height):
-        before = 0.0
-        for x in range(width):
-            after = ties[y, x] if x < width - 1 else 0.0
-            kept = before * factors[x - 1] if x else 0.0
-            pivot = 1.0 + before + after - kept
-            factors[x] = after / pivot
-            for field in range(count):
-                carried = before * fields[field, y, x - 1] if x else 0.0
-                fields[field, y, x] = (fields[field, y, x] + carried) / pivot
-            before = after
-        for x in range(width - 2, -1, -1):
-            for field in range(count):
-                fields[field, y, x] += factors[x] * fields[field, y, x + 1]

@@ -1,12 +1,15 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES
 from dfdbench.methods.blurred import blurred_by
+from dfdbench.methods.edges import within_edges
 from dfdbench.methods.law_cost import law_cost
 from dfdbench.methods.networks.volume import MOST
-from tests.methods.made_planes import pair_of, texture
+from tests.methods.made_planes import pair_of, slope, texture
 
 pytest.importorskip("torch")
 
@@ -99,10 +102,28 @@ def test_the_fit_looks_again_only_where_that_surely_errs_less() -> None:
 
 def test_a_gain_that_may_be_chance_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     method = volume_net.VolumeNetMethod(device="cpu")
-    rough = np.outer([9, -8, 9, -8, 9, -8, 9, -8], np.arange(10))
-    errors = iter(np.full((8, 10), 20.0) - rough / 8)
-    monkeypatch.setattr(method, "_errors_on", lambda capture: next(errors))
-    assert method._best_tried([None] * 8) == (0.0, 1)  # type: ignore[list-item]
-    steady = iter(np.full((8, 10), 20.0) - np.arange(10) / 8)
-    monkeypatch.setattr(method, "_errors_on", lambda capture: next(steady))
-    assert method._best_tried([None] * 8) == (4.0, 13)  # type: ignore[list-item]
+    rough = np.outer([9, -8, 9, -8, 9, -8, 9, -8], np.arange(11))
+    steady = np.tile(np.arange(11.0), (8, 1))
+    # Smoothing, tried last, counts only where nothing that looks again helps.
+    for gains, best in (
+        (rough, (0.0, 1, 0.0)),
+        (steady, (4.0, 13, 0.0)),
+        (steady * (np.arange(11) == 10), (0.0, 1, 1000.0)),
+        (rough * (np.arange(11) == 10), (0.0, 1, 0.0)),
+    ):
+        errors = iter(np.full((8, 11), 20.0) - gains / 8)
+        monkeypatch.setattr(method, "_errors_on", lambda capture, errors=errors: next(errors))
+        assert method._best_tried([None] * 8) == best  # type: ignore[list-item]
+
+
+@pytest.mark.parametrize("finer", [0.0, 2.0])
+def test_the_answer_and_its_spread_are_smoothed_as_the_fit_chose(finer: float) -> None:
+    pair, method = slope(3), volume_net.VolumeNetMethod(device="cpu")
+    method.restore(dict(method.fit([pair])))  # type: ignore[misc]
+    found = []
+    for strength in (0.0, 1000.0):
+        method.chosen = replace(method.chosen, finer=finer, strength=strength)
+        found.append(np.stack(method._settled(pair.infocus, [pair.defocus])))  # type: ignore[arg-type]
+    expected = within_edges(found[0], pair.infocus, 1000.0, 2.0)
+    np.testing.assert_allclose(found[1], expected, rtol=1e-6)
+    assert np.abs(found[1] - found[0]).max() > 0.1

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import spsolve
 from dfdbench.datasets.captures import Capture
 from dfdbench.errors import MethodError
 from dfdbench.methods.s_transform import STransform
-from dfdbench.methods.wls import Choice, WeightedLeastSquares, _smooth_rows, measured
+from dfdbench.methods.wls import Choice, WeightedLeastSquares, measured
 from tests.methods.made_planes import pair_of, slope, texture
 
 
@@ -17,18 +17,6 @@ def with_choice(choice: Choice, contrast: float = 3.0) -> WeightedLeastSquares:
     method = WeightedLeastSquares(contrast)
     method.chosen = choice
     return method
-
-
-def test_a_row_is_solved_as_its_matrix_says() -> None:
-    random = np.random.default_rng(0)
-    fields, ties = random.random((2, 3, 9)), 10 ** random.uniform(-2, 3, (3, 8))
-    exact = np.empty_like(fields)
-    for y in range(3):
-        steps = np.diff(np.eye(9), axis=0)
-        matrix = np.eye(9) + steps.T @ np.diag(ties[y]) @ steps
-        exact[:, y] = np.linalg.solve(matrix, fields[:, y].T).T
-    _smooth_rows(fields, ties)
-    np.testing.assert_allclose(fields, exact, rtol=1e-12)
 
 
 def test_it_is_near_the_least_squares_that_it_stands_for() -> None:
