@@ -13,7 +13,7 @@ import pandas as pd
 from dfdbench.blur.tracks import CLEAN, SUITES, find_degradation
 from dfdbench.metrics.intervals import INTERVAL_GROUPS, group_interval
 from dfdbench.metrics.metric import find_metric
-from dfdbench.metrics.protocol import RELEASED, SURE, metrics_of, ranked_by
+from dfdbench.metrics.protocol import RELEASED, SURE, VALID, metrics_of, ranked_by
 from dfdbench.results import frame
 from dfdbench.results.differences import PairedDifference, corrected, paired_difference
 from dfdbench.results.record import Result, first_protocol
@@ -22,7 +22,7 @@ from dfdbench.results.wording import NOTHING, knew_blur, score_text
 from dfdbench.tables.table import counted
 
 #: The protocol that suites of tracks are ranked by.
-TRACKS_PROTOCOL = "valid"
+TRACKS_PROTOCOL = VALID
 
 
 @dataclass(frozen=True)

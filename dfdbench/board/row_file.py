@@ -17,7 +17,7 @@ from dfdbench.datasets.manifest import Manifest, Name, Pair
 from dfdbench.datasets.rendered import seeded
 from dfdbench.errors import DfdbenchError, Problem, ResultError, unknown_name
 from dfdbench.methods.registry import built_in_methods, registered_methods
-from dfdbench.metrics.protocol import RELEASED, metrics_of
+from dfdbench.metrics.protocol import RELEASED, VALID, metrics_of
 from dfdbench.results import record, wording
 from dfdbench.system.files import read_as, read_whole, shipped
 from dfdbench.system.strict import Record, problems_of
@@ -417,6 +417,9 @@ def row_problems(row: Row, folder: Path, where: str) -> Iterator[Problem]:
             place = f"{where}: {run.label}, fingerprint"
             fix = f"build {name} and run it again: `dfdbench build {name}`"
             yield Problem(f"run on other data than {name}", where=place, fix=fix)
+        if VALID not in run.scores:
+            what = f"no scores under {VALID}, by which rows are ranked"
+            yield Problem(what, where=f"{where}: {run.label}, scores", fix=_FIX)
     name = row.method.name
     # Asking what packages offer takes a while, and no package takes a built-in name.
     entry = name if ":" in name else built_in_methods().get(name) or registered_methods().get(name)

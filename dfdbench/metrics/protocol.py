@@ -28,6 +28,8 @@ Crop = Literal["whole", "network-of-16"]
 Unit = Literal["levels", "metres"]
 #: The label of the protocol for how sure a method is; only here may a method leave pixels out.
 SURE = "sure"
+#: The protocol that every row of the leaderboard is ranked by.
+VALID = "valid"
 # The published networks halve images four times, so their program crops to multiples of this.
 _NETWORK_MULTIPLE = 16
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from dfdbench.board.row_file import read_row, row_of, row_problems, row_text, training_problems
+from dfdbench.board.row_file import Row, read_row, row_of, row_problems, row_text, training_problems
 from dfdbench.errors import ResultError
 from dfdbench.results.record import Result
 from tests.board.made_boards import make_tracks
@@ -88,13 +88,18 @@ def test_a_file_that_contradicts_itself_is_refused(tmp_path: Path) -> None:
         assert str(path) in str(caught.value)
 
 
+def a_row() -> Row:
+    return row_of([make_demo_result(lambda pair: 0.1)], ["clean"])
+
+
 def problems(folder: Path, **changes: Any) -> str:
-    row = row_of([make_demo_result(lambda pair: 0.1)], ["clean"])
-    return "\n".join(map(str, row_problems(edited(row, **changes), folder, "here")))
+    return "\n".join(map(str, row_problems(edited(a_row(), **changes), folder, "here")))
 
 
 def test_other_data_and_another_method_of_a_known_name_are_told(tmp_path: Path) -> None:
     assert not problems(tmp_path)
+    runs = [run.model_copy(update={"scores": {}}) for run in a_row().runs]
+    assert "no scores under valid" in problems(tmp_path, runs=runs)
     assert "another manifest" in problems(tmp_path, manifest_sha256="9" * 64)
     (tmp_path / "fingerprints.json").write_text(json.dumps({"demo-1": ["8" * 64]}))
     assert "run on other data than demo-1 (here: clean, fingerprint)" in problems(tmp_path)
