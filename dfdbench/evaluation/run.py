@@ -15,6 +15,7 @@ from dfdbench.evaluation.fitting import Fit, fit_again, fit_from, fit_method, ke
 from dfdbench.evaluation.pair import Evaluated, PairEvaluator, RemoteEvaluator, blank_record, warned
 from dfdbench.evaluation.plan import RunOptions, RunPlan, differences_from, plan_run, protocols_on
 from dfdbench.methods.method import Method
+from dfdbench.methods.readout import Choice, Chosen
 from dfdbench.methods.sources import Hashes
 from dfdbench.metrics.metric import find_metric, mean_of
 from dfdbench.metrics.protocol import RELEASED, SURE, metrics_of, ranked_by
@@ -380,7 +381,7 @@ def _method_record(plan: RunPlan) -> record.MethodRecord:
         fitted_on=plan.fit.fitted_on if plan.fit else None,
         fit_seconds=plan.fit.seconds if plan.fit else None,
         # Someone else's method may have something else of that name.
-        chosen=chosen.as_dict() if chosen and method.entry.startswith("dfdbench.") else {},
+        chosen=chosen.as_dict() if isinstance(chosen, Chosen | Choice) else {},
         paper=method.paper,
     )
 

@@ -48,9 +48,10 @@ def within_edges(
     """
     channels = channels_of(guide)
     across, down = (
-        np.exp(-np.abs(np.diff(channels, axis=axis)).mean(axis=2) / contrast) for axis in (1, 0)
+        np.exp(-np.abs(np.diff(channels, axis=axis)).mean(axis=2, dtype=np.float64) / contrast)
+        for axis in (1, 0)
     )
-    ties = np.asarray(across, np.float64), np.ascontiguousarray(down.T, np.float64)
+    ties = across, np.ascontiguousarray(down.T)
     smooth = np.array(fields, np.float64, order="C")
     for turn in range(_ROUNDS):
         part = strength * 1.5 * 4.0 ** (_ROUNDS - 1 - turn) / (4.0**_ROUNDS - 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,6 +161,28 @@ class Chosen:
         energy, weight, sharpness, smoothing, *rest = (learned.pop(name) for name in _FIELDS)
         energy = np.asarray(energy, np.float64)
         return cls(energy, float(weight), float(sharpness), int(smoothing), *map(float, rest))
+
+
+class Choice(NamedTuple):
+    """How a fit of `wls` chose to measure the blur, and to smooth what it measured.
+
+    Parameters
+    ----------
+    smoothing : float
+        Standard deviation of the Gaussian that both images are smoothed with first, in pixels.
+    window : int
+        Side of the square window of the measure, odd.
+    strength : float
+        How strongly to smooth `within_edges`; 0 for not at all.
+    """
+
+    smoothing: float = 2.5
+    window: int = 9
+    strength: float = 1000.0
+
+    def as_dict(self) -> dict[str, float]:
+        """Return it for a run's record, empty if nothing was chosen."""
+        return {} if self == Choice() else self._asdict()
 
 
 #: No prior, the level of least cost, and no more smoothing than usual.

@@ -417,10 +417,12 @@ class VolumeNetMethod(Solver):
         return costs, np.clip(mean, 0, LAST_LEVEL), np.sqrt(variance + _SMALLEST)
 
 
-def _smoothed(strength: float, infocus: Image, *maps: NDArray[np.float32]) -> Any:
+def _smoothed(
+    strength: float, infocus: Image, *maps: NDArray[np.float32]
+) -> Sequence[NDArray[np.float32]]:
     if not strength:
         return maps
-    return within_edges(np.stack(maps), infocus, strength, _CONTRAST).astype(np.float32)
+    return list(within_edges(np.stack(maps), infocus, strength, _CONTRAST).astype(np.float32))
 
 
 def _one(planes: Array) -> torch.Tensor:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ from dfdbench.methods import fitted
 from dfdbench.methods.choices import groups_of
 from dfdbench.methods.edges import within_edges
 from dfdbench.methods.method import Learned, TrainingPair
+from dfdbench.methods.readout import Choice
 from dfdbench.system.compiled import in_threads
 
 _NAME = "wls"
@@ -23,48 +24,36 @@ _NAME = "wls"
 # measured there hardly counts.
 _NO_TEXTURE = 1e-3
 # What the fit tries on how many training captures, evenly among all, and on how many pixels of
-# each: the smoothing and window of the measure, with each strength.
+# each: smoothing first and the window, the smallest first, with each strength.
 _MEASURES = ((2.5, 9), (1.0, 15), (0.5, 31))
 _STRENGTHS = (0.0, 1e1, 1e2, 1e3, 1e4, 1e5)
+_MOST = 1e9
 _LOOKED_AT, _PIXELS = 16, 5_000
-# Of larger captures the fit takes a part with this side, which bounds its memory.
+# Of larger captures the choice is made on a part with this side: all parts are held at once.
 _SIDE = 640
 
 Array = NDArray[Any]
-
-
-class Choice(NamedTuple):
-    """How the blur is measured, and how strongly neighbours are tied to each other."""
-
-    smoothing: float
-    window: int
-    strength: float
-
-    def as_dict(self) -> dict[str, float]:
-        """Return it for a run's record."""
-        return self._asdict()
 
 
 class WeightedLeastSquares:
     """Depth from the blur's variance, smoothed within the in-focus image's edges.
 
     The variance v that the blur adds is measured as by `STransform`, in small windows. Then each
-    pixel's answer u is a compromise: near its own v, the more so the more texture it has, and near
-    its neighbours' u, the less so the more their colours differ. A table from training captures
-    turns u into depth. The fit also chooses smoothing, window and strength, by the least absolute
-    error on training captures whose group the table has not seen.
+    pixel's answer u is a mean of the v around it, which counts the more the more texture there is,
+    and the less the more edges lie between. A table from training captures turns u into depth. The
+    fit also chooses smoothing, window and strength, by the least absolute error on training
+    captures whose group the table has not seen.
 
     Parameters
     ----------
     contrast : float
-        The difference of two neighbours, in grey levels, at which the tie between them falls to
-        1 / e. A mean over channels.
+        The difference of two neighbours, in grey levels, the mean over channels, at which the tie
+        between them falls to 1 / e. The default erred least on training captures of DFD indoor.
 
     Raises
     ------
     MethodError
-        For a contrast out of range; at a call before a fit, or with an image smaller than the
-        window.
+        For a contrast out of range; at a call before a fit.
 
     Notes
     -----
@@ -89,13 +78,15 @@ class WeightedLeastSquares:
     True
     """
 
+    #: What `dfdbench.tune` tries.
+    ranges: ClassVar[dict[str, Sequence[float]]] = {"contrast": (1.0, 2.0, 3.0, 5.0, 10.0)}
     paper = "Min et al., Fast global image smoothing based on weighted least squares, TIP 2014"
 
     def __init__(self, contrast: float = 3.0) -> None:
         MethodError.raise_if(fitted.number_within("contrast", contrast, 255))
         self._contrast = float(contrast)
         #: What the fit chose.
-        self.chosen = Choice(*_MEASURES[0], _STRENGTHS[3])
+        self.chosen = Choice()
         self._table: tuple[Array, Array] | None = None
 
     def fit(self, pairs: Sequence[TrainingPair]) -> Learned:
@@ -111,18 +102,21 @@ class WeightedLeastSquares:
         require_alike(pairs)
         trial = copy.copy(self)
         trial.chosen = self._best_on(pairs)
-        return trial.chosen.as_dict() | fitted.depth_table(trial.variance, pairs, _NAME)
+        return trial.chosen._asdict() | fitted.depth_table(trial.variance, pairs, _NAME)
 
     def restore(self, learned: Learned) -> None:
         """Take over what `fit` learned."""
         smoothing, window, strength = (
             float(fitted.learned_array(learned, name, _NAME, 0)) for name in Choice._fields
         )
-        self.chosen = Choice(smoothing, int(window), strength)
         measure, depth = (
             fitted.learned_array(learned, name, _NAME, 1) for name in ("measure", "depth")
         )
-        self._table = measure, depth
+        usable = 0 < smoothing <= 20 and 0 < window <= 255 and window % 2 == 1
+        table = measure.shape == depth.shape and (np.diff(measure) >= 0).all()
+        if not (usable and table and 0 <= strength <= _MOST):
+            raise MethodError("not what this method learns", where=_NAME, fix=fitted.REFIT)
+        self.chosen, self._table = Choice(smoothing, int(window), strength), (measure, depth)
 
     def warm_up(self, infocus: fitted.Image, defocus: fitted.Image) -> None:
         """Compile the code that the first call would compile."""
@@ -132,12 +126,13 @@ class WeightedLeastSquares:
         """Return depth levels for two images of uint8, shape (y, x, 3) or, grey, (y, x)."""
         if self._table is None:
             raise fitted.not_fitted(_NAME)
-        fitted.require_window_fits(self.chosen.window, infocus, _NAME)
         return np.asarray(np.interp(self.variance(infocus, defocus), *self._table), np.float32)
 
     def variance(self, infocus: fitted.Image, defocus: fitted.Image) -> NDArray[np.float64]:
         """Return what the blur adds to the variance along an axis, square pixels, shape (y, x)."""
         smoothing, window, strength = self.chosen
+        # The fit chose it on larger images.
+        window = min(window, max((min(infocus.shape[:2]) - 1) // 2 * 2 + 1, _MEASURES[0][1]))
         return self._smoothed(*measured(infocus, defocus, smoothing, window), infocus, strength)
 
     def _smoothed(
@@ -154,10 +149,13 @@ class WeightedLeastSquares:
         read = fitted.evenly_spread(len(pairs), _LOOKED_AT)
         parts = [_part(pairs[index], turn) for turn, index in enumerate(read)]
         groups = groups_of([part.group for part in parts], read, len(pairs))
+        # A few small captures take no window from the others.
+        sides = np.array([min(part.infocus.shape[:2]) for part in parts])
+        tried = [each for each in _MEASURES if each[1] <= np.median(sides)] or [_MEASURES[0]]
+        large = sides >= min(tried[-1][1], np.median(sides))
+        parts, groups = [parts[place] for place in np.flatnonzero(large)], groups[large]
         least, best = np.inf, self.chosen
-        for smoothing, window in _MEASURES:
-            if any(window > min(part.infocus.shape[:2]) for part in parts):
-                continue
+        for smoothing, window in tried:
             for part in parts:
                 part.measured = measured(part.infocus, part.defocus, smoothing, window)
             for strength in _STRENGTHS:
@@ -198,8 +196,7 @@ def measured(
         cv2.boxFilter(products.sum(2), cv2.CV_64F, (window, window), borderType=edge)
         for products in ((blurred - sharp) * laplacian, laplacian**2)
     )
-    # Sums that a filter updates from pixel to pixel may end below 0.
-    square = np.maximum(square, 0) + _NO_TEXTURE
+    square = square + _NO_TEXTURE
     return np.asarray(2 * along / square), np.sqrt(square)
 
 

@@ -232,3 +232,10 @@ def test_another_camera_in_the_test_is_told() -> None:
     grey = np.full((40, 50, 3), 90, np.uint8)
     stack = made_pair(grey, grey, grey[..., 0], np.ones((40, 50), bool), planes=3)
     assert camera_note(law, [stack], [stack]) is None
+
+
+def test_a_result_says_what_the_fit_chose(demo_store: Dataset, tmp_path: Path) -> None:
+    method = load_for(demo_store, "wls", {}, 0)
+    result = run_method(demo_store, method, "Market", tmp_path / "run", RunOptions(limit=1)).result
+    assert result.method.chosen == method.attribute("chosen").as_dict()
+    assert result.method.chosen["strength"] > 0

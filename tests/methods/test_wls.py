@@ -1,6 +1,5 @@
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from scipy.sparse import diags, identity, kron
@@ -8,8 +7,9 @@ from scipy.sparse.linalg import spsolve
 
 from dfdbench.datasets.captures import Capture
 from dfdbench.errors import MethodError
+from dfdbench.methods.readout import Choice
 from dfdbench.methods.s_transform import STransform
-from dfdbench.methods.wls import Choice, WeightedLeastSquares, measured
+from dfdbench.methods.wls import WeightedLeastSquares, _part, measured
 from tests.methods.made_planes import pair_of, slope, texture
 
 
@@ -23,7 +23,7 @@ def test_it_is_near_the_least_squares_that_it_stands_for() -> None:
     pair = slope(3, 48, 64)
     variance, weight = measured(pair.infocus, pair.defocus, 1.0, 5)
     found = with_choice(Choice(1.0, 5, 30.0)).variance(pair.infocus, pair.defocus)
-    # The sum that its docstring states, over the whole image at once.
+    # One sum over the whole image at once, of which the quotient is an approximation.
     guide = pair.infocus.astype(float)
     normal = diags(weight.ravel() / weight.mean())
     for axis, (before, after) in enumerate(((48, 64), (64, 48))):
@@ -98,7 +98,7 @@ def test_the_fit_smooths_as_much_as_the_noise_asks_for() -> None:
             for each in (method, plain)
         )
         assert ours < 0.85 * theirs
-    assert strengths[1] >= strengths[0] > 0
+    assert strengths[1] > strengths[0] > 0
 
 
 def test_one_group_tells_nothing_of_others_so_nothing_is_chosen() -> None:
@@ -108,15 +108,53 @@ def test_one_group_tells_nothing_of_others_so_nothing_is_chosen() -> None:
     assert {name: learned[name] for name in usual} == usual
 
 
-def test_large_captures_are_fitted_by_a_part() -> None:
-    pair = slope(1, 40, 60)
-    wide = np.asarray(cv2.copyMakeBorder(pair.infocus, 0, 0, 0, 1400, cv2.BORDER_REFLECT), np.uint8)
-    captures = [pair_of(wide, np.full(wide.shape[:2], 40 * n, np.uint8)) for n in range(1, 4)]
-    assert WeightedLeastSquares().fit(captures)["strength"] >= 0
+def test_fine_texture_gets_little_smoothing_and_a_wide_window_also_beside_small_captures() -> None:
+    captures = []
+    for seed in range(8):
+        random = np.random.default_rng(seed)
+        depth = np.repeat(random.integers(120, 250, (1, 4)), 40, 1).repeat(120, 0).astype(np.uint8)
+        grain = np.rint(120 + random.normal(0, 8, (120, 160, 3))).astype(np.uint8)
+        captures.append(noisy(pair_of(grain, depth), seed, 1.0))
+    learned = WeightedLeastSquares().fit(captures)
+    assert learned["smoothing"] < 2.5
+    assert learned["window"] > 9
+    again = WeightedLeastSquares().fit([*captures, slope(1, 8, 30)])
+    assert again["window"] == learned["window"]
 
 
-def test_a_fit_without_its_choices_is_refused() -> None:
+def test_a_window_that_the_fit_chose_is_reduced_on_small_images() -> None:
+    wide, narrow = with_choice(Choice(0.5, 31, 100.0)), with_choice(Choice(0.5, 19, 100.0))
+    pair = slope(2, 20, 60)
+    found = [each.variance(pair.infocus, pair.defocus) for each in (wide, narrow)]
+    assert np.array_equal(found[0], found[1])
+
+
+def test_the_choice_is_made_on_parts_of_large_captures() -> None:
+    pair = pair_of(texture(0, 40, 1500), np.full((40, 1500), 40, np.uint8))
+    parts = [_part(pair, turn) for turn in range(3)]
+    assert [part.infocus.shape for part in parts] == [(40, 640, 3)] * 3
+    columns = [pair.infocus[:, start : start + 640] for start in (0, 430, 860)]
+    assert all(np.array_equal(part.infocus, own) for part, own in zip(parts, columns, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("smoothing", 1e5),
+        ("window", 0),
+        ("window", 8),
+        ("strength", -5.0),
+        ("strength", 1e300),
+        ("depth", np.ones(3)),
+        ("measure", np.arange(256.0)[::-1]),
+        ("window", None),
+    ],
+)
+def test_a_damaged_fit_is_refused(name: str, value: object) -> None:
+    learned = {"smoothing": 2.5, "window": 9, "strength": 1000.0}
+    learned |= {"measure": np.arange(256.0), "depth": np.arange(256.0)}  # type: ignore[dict-item]
     method = WeightedLeastSquares()
-    learned = method.fit([slope(1)])
-    with pytest.raises(MethodError, match="wls: window"):
-        method.restore({name: value for name, value in learned.items() if name != "window"})
+    method.restore(dict(learned))
+    learned[name] = value  # type: ignore[assignment]
+    with pytest.raises(MethodError, match="not what this method learns"):
+        method.restore({key: each for key, each in learned.items() if each is not None})
