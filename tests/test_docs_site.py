@@ -259,8 +259,11 @@ def test_what_only_some_rows_need_is_explained_if_there_are_such_rows(
         assert words not in text
     result = make_demo_result(lambda pair: 0.1, "far")
     metres = dict.fromkeys(IN_METRES, 0.25)
-    pairs = [pair.model_copy(update={"scores": {"metric": metres}}) for pair in result.pairs]
-    protocols = [RELEASED["metric"].as_dict()]
+    pairs = [
+        pair.model_copy(update={"scores": pair.scores | {"metric": metres}})
+        for pair in result.pairs
+    ]
+    protocols = [*result.protocols, RELEASED["metric"].as_dict()]
     submit(result.model_copy(update={"pairs": pairs, "protocols": protocols}), tmp_path)
     submit(list(make_tracks("tracked").values()), tmp_path)
     submit(scored("elsewhere", 0.01), tmp_path)
