@@ -112,7 +112,7 @@ def choose(
         shares[place] = shares_of(capture)
         named.append(str(getattr(capture, "group", "")))
         if place in looked_at:
-            parts[place] = _part(capture, looked_at[place], change, max(_SIDE, window))
+            parts[place] = cut_out(capture, looked_at[place], max(_SIDE, window), change)
     groups = groups_of(named, read, count)
     if len(set(groups)) == 1:
         return AS_USUAL
@@ -163,6 +163,17 @@ def shares_of(capture: TrainingPair) -> NDArray[np.float64]:
     return np.asarray(counts / max(counts.sum(), 1))
 
 
+def cut_out(capture: TrainingPair, turn: int, side: int, change: ViewChange | None = None) -> Part:
+    """Return part of a training pair, see `part_of`, a change of its defocus image undone."""
+    region = part_of(capture.levels.shape, turn, side)
+    defocus = capture.defocus
+    if change and change.changes:
+        defocus = np.rint(change.undone(defocus)).astype(np.uint8)
+    # Copies: a view would keep all of a large capture.
+    images = capture.infocus[region].copy(), defocus[region].copy()
+    return Part(*images, capture.levels[region].copy(), capture.valid[region].copy())
+
+
 class _Search:
     """The choices tried on parts, each part with the energy from other groups."""
 
@@ -205,12 +216,3 @@ class _Search:
         answer = self._solve(part, replace(choice, energy=choice.weight * energy))
         off = (np.asarray(answer, np.float64) - part.levels)[part.valid]
         return float(np.sqrt(np.square(off).mean())) if off.size else 0.0
-
-
-def _part(capture: TrainingPair, turn: int, change: ViewChange | None, side: int) -> Part:
-    region = rows, columns = part_of(capture.levels.shape, turn, side)
-    defocus = capture.defocus
-    if change and change.changes:
-        defocus = np.rint(change.undone(defocus)).astype(np.uint8)
-    known = capture.levels[region], capture.valid[region]
-    return Part(capture.infocus[rows, columns], defocus[rows, columns], *known)

@@ -162,13 +162,11 @@ class STransform:
         Of ``difference = v / 2 * laplacian``: ``2 sqrt(rest / sum(laplacian^2))``, where rest is
         what the least squares leave of ``sum(difference^2)``.
         """
-        sharp, blurred = (self._smoothed(image) for image in (infocus, defocus))
-        edge = cv2.BORDER_REPLICATE
-        mean = (sharp + blurred) / 2
-        laplacian = np.atleast_3d(cv2.Laplacian(mean, cv2.CV_32F, borderType=edge))
-        difference = blurred - sharp
+        laplacian, difference = laplacian_and_difference(infocus, defocus, self._smoothing)
         along, square, whole = (
-            cv2.boxFilter(products.sum(2), cv2.CV_32F, self._window, borderType=edge)
+            cv2.boxFilter(
+                products.sum(2), cv2.CV_32F, self._window, borderType=cv2.BORDER_REPLICATE
+            )
             for products in (difference * laplacian, laplacian**2, difference**2)
         )
         usual = _NO_TEXTURE * _MIDDLE_VARIANCE
@@ -177,8 +175,17 @@ class STransform:
         error = 2 * np.sqrt(rest / (square + _NO_TEXTURE))
         return np.asarray(variance, np.float32), np.asarray(error, np.float32)
 
-    def _smoothed(self, image: fitted.Image) -> NDArray[np.float32]:
-        smooth = cv2.GaussianBlur(
-            fitted.channels_of(image), (0, 0), self._smoothing, borderType=cv2.BORDER_REPLICATE
+
+def laplacian_and_difference(
+    infocus: fitted.Image, defocus: fitted.Image, smoothing: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the smoothed images' mean Laplacian and how they differ, shape (y, x, channel)."""
+    edge = cv2.BORDER_REPLICATE
+    sharp, blurred = (
+        np.atleast_3d(
+            cv2.GaussianBlur(fitted.channels_of(image), (0, 0), smoothing, borderType=edge)
         )
-        return np.asarray(np.atleast_3d(smooth), np.float32)
+        for image in (infocus, defocus)
+    )
+    laplacian = np.atleast_3d(cv2.Laplacian((sharp + blurred) / 2, cv2.CV_32F, borderType=edge))
+    return np.asarray(laplacian, np.float32), np.asarray(blurred - sharp, np.float32)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import cv2
@@ -13,10 +12,11 @@ from numpy.typing import NDArray
 
 from dfdbench.errors import MethodError
 from dfdbench.methods import fitted
-from dfdbench.methods.choices import groups_of
+from dfdbench.methods.choices import Part, cut_out, groups_of
 from dfdbench.methods.edges import within_edges
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.readout import Choice
+from dfdbench.methods.s_transform import laplacian_and_difference
 from dfdbench.system.compiled import in_threads
 
 _NAME = "wls"
@@ -148,24 +148,35 @@ class WeightedLeastSquares:
     def _best_on(self, pairs: Sequence[TrainingPair]) -> Choice:
         """Return the choice of least absolute error, each group's by a table of the others."""
         read = fitted.evenly_spread(len(pairs), _LOOKED_AT)
-        parts = [_part(pairs[index], turn) for turn, index in enumerate(read)]
-        groups = groups_of([part.group for part in parts], read, len(pairs))
+        named, parts = list[str](), list[Part]()
+        # One capture at a time, as they may be large.
+        for turn, index in enumerate(read):
+            capture = pairs[index]
+            named.append(str(getattr(capture, "group", "")))
+            parts.append(cut_out(capture, turn, _SIDE))
         # A few small captures take no window from the others.
-        sides = np.array([min(part.infocus.shape[:2]) for part in parts])
+        sides = np.array([min(part.levels.shape) for part in parts])
         tried = [each for each in _MEASURES if each[1] <= np.median(sides)] or [_MEASURES[0]]
         large = sides >= min(tried[-1][1], np.median(sides))
-        parts, groups = [parts[place] for place in np.flatnonzero(large)], groups[large]
+        parts = [parts[place] for place in np.flatnonzero(large)]
+        groups = groups_of(named, read, len(pairs))[large]
+        known = [_some(part.valid) for part in parts]
+        levels = [
+            part.levels.ravel()[at].astype(np.float64)
+            for part, at in zip(parts, known, strict=True)
+        ]
         least, best = np.inf, self.chosen
         for smoothing, window in tried:
-            for part in parts:
-                part.measured = measured(part.infocus, part.defocus, smoothing, window)
+            found = [measured(part.infocus, part.defocus, smoothing, window) for part in parts]
             for strength in _STRENGTHS:
 
-                def smooth(part: _Part, by: float = strength) -> Array:
-                    return self._smoothed(*part.measured, part.infocus, by).ravel()[part.known]
+                def smooth(place: int, found: list[Any] = found, by: float = strength) -> Array:
+                    variance, weight = found[place]
+                    lent = self._smoothed(variance, weight, parts[place].infocus, by)
+                    return lent.ravel()[known[place]]
 
-                levels = [part.levels for part in parts]
-                if (error := _error(in_threads(smooth, parts), levels, groups)) < least:
+                measures = in_threads(smooth, range(len(parts)))
+                if (error := _error(measures, levels, groups)) < least:
                     least, best = error, Choice(smoothing, window, strength)
         return best
 
@@ -185,42 +196,20 @@ def measured(
     window : int
         Side of the square window, odd.
     """
-    edge = cv2.BORDER_REPLICATE
-    sharp, blurred = (
-        np.atleast_3d(
-            cv2.GaussianBlur(image.astype(np.float32), (0, 0), smoothing, borderType=edge)
-        )
-        for image in (infocus, defocus)
-    )
-    laplacian = np.atleast_3d(cv2.Laplacian((sharp + blurred) / 2, cv2.CV_32F, borderType=edge))
+    laplacian, difference = laplacian_and_difference(infocus, defocus, smoothing)
     along, square = (
-        cv2.boxFilter(products.sum(2), cv2.CV_64F, (window, window), borderType=edge)
-        for products in ((blurred - sharp) * laplacian, laplacian**2)
+        cv2.boxFilter(
+            products.sum(2), cv2.CV_64F, (window, window), borderType=cv2.BORDER_REPLICATE
+        )
+        for products in (difference * laplacian, laplacian**2)
     )
     square = square + _NO_TEXTURE
     return np.asarray(2 * along / square), np.sqrt(square)
 
 
-@dataclass
-class _Part:
-    """Part of a training capture: its images, and the levels of some known pixels."""
-
-    infocus: fitted.Image
-    defocus: fitted.Image
-    known: NDArray[np.intp]
-    levels: NDArray[np.float64]
-    group: str
-    measured: tuple[Array, Array] = ()  # type: ignore[assignment]
-
-
-def _part(capture: TrainingPair, turn: int) -> _Part:
-    # A copy: a view would keep all of a large capture.
-    part = fitted.part_of(capture.levels.shape, turn, _SIDE)
-    known = np.flatnonzero(capture.valid[part])
-    known = known[fitted.evenly_spread(known.size, _PIXELS)]
-    levels = capture.levels[part].ravel()[known].astype(np.float64)
-    images = capture.infocus[part].copy(), capture.defocus[part].copy()
-    return _Part(*images, known, levels, str(getattr(capture, "group", "")))
+def _some(valid: NDArray[np.bool_]) -> NDArray[np.intp]:
+    known = np.flatnonzero(valid)
+    return known[fitted.evenly_spread(known.size, _PIXELS)]
 
 
 def _error(measures: Sequence[Array], levels: Sequence[Array], groups: Array) -> float:

@@ -7,9 +7,10 @@ from scipy.sparse.linalg import spsolve
 
 from dfdbench.datasets.captures import Capture
 from dfdbench.errors import MethodError
+from dfdbench.methods.choices import cut_out
 from dfdbench.methods.readout import Choice
 from dfdbench.methods.s_transform import STransform
-from dfdbench.methods.wls import WeightedLeastSquares, _part, measured
+from dfdbench.methods.wls import WeightedLeastSquares, measured
 from tests.methods.made_planes import pair_of, slope, texture
 
 
@@ -131,7 +132,7 @@ def test_a_window_that_the_fit_chose_is_reduced_on_small_images() -> None:
 
 def test_the_choice_is_made_on_parts_of_large_captures() -> None:
     pair = pair_of(texture(0, 40, 1500), np.full((40, 1500), 40, np.uint8))
-    parts = [_part(pair, turn) for turn in range(3)]
+    parts = [cut_out(pair, turn, 640) for turn in range(3)]
     assert [part.infocus.shape for part in parts] == [(40, 640, 3)] * 3
     columns = [pair.infocus[:, start : start + 640] for start in (0, 430, 860)]
     assert all(np.array_equal(part.infocus, own) for part, own in zip(parts, columns, strict=True))
