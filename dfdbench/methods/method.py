@@ -29,6 +29,8 @@ from dfdbench.tables.table import Table, as_html
 if TYPE_CHECKING:
     import xarray
 
+    from dfdbench.datasets.manifest import Depth
+
 Image = NDArray[np.uint8]
 #: Depth, or how sure a method is of it: shape (y, x).
 DepthMap = NDArray[np.float32]
@@ -334,6 +336,10 @@ class TrainingPair(CaptureImages, Protocol):
     @property
     def depth(self) -> NDArray[np.float32]:
         """Depth in the data set's unit, shape (y, x); NaN where it is unknown."""
+
+    @property
+    def about(self) -> Depth:
+        """What the depth means: the manifest's section."""
 
     @property
     def levels(self) -> NDArray[np.uint8]:

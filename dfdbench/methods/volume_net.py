@@ -18,7 +18,15 @@ from dfdbench.errors import MethodError
 from dfdbench.methods.blurred import all_blurred
 from dfdbench.methods.choices import FEWEST, energy_of, shares_of
 from dfdbench.methods.edges import within_edges
-from dfdbench.methods.fitted import Image, Solver, channels_of, evenly_spread, wrong
+from dfdbench.methods.fitted import (
+    REFIT,
+    Image,
+    Solver,
+    channels_of,
+    evenly_spread,
+    learned_array,
+    wrong,
+)
 from dfdbench.methods.law_cost import MOST_NATS, law_cost
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Learned, TrainingPair
@@ -44,10 +52,10 @@ _PATH_UNIT, _SMALL_STEP, _LARGE_STEP = 16, 40, 800
 # and of a step of one level and of more, as for `SemiGlobal`.
 _COARSER, _LIMIT, _STEPS = 16, 100, (0.5, 15.0)
 # What the fit tries: not to look again, or within so many standard deviations of the network's
-# answer, with so many times the usual smoothing; if none of that helps, to smooth the answer within
-# the image's edges, with this strength and contrast.
+# answer, with so many times the usual smoothing; and each of these smoothed within the image's
+# edges, with these strengths and this contrast.
 _TRIED = ((0.0, 1), *((reach, smoothing) for smoothing in (1, 2, 13) for reach in (1.0, 2.0, 4.0)))
-_STRENGTH = 1000.0
+_STRENGTHS = (0.0, 100.0, 1000.0)
 _CONTRAST = 2.0
 # What a nat counts in the mean over levels, and nats that count nothing: as sharp as erred least on
 # training captures of Middlebury's tracks.
@@ -56,9 +64,12 @@ _SHARPNESS, _NOTHING = 3.0, 4.0
 _LOOKED_AT = 32
 # Standard errors that a mean gain has to exceed: chance alone brings one of those that are tried so
 # far in one fit of twenty.
-_SURE, _ROUNDING = 2.5, 0.5
+_SURE, _ROUNDING = 3.0, 0.5
 # A number rounded to whole levels has this variance, in squared levels: no spread is less.
 _SMALLEST = 1 / 12
+# The depth of each level where depth is in levels; the name of another such scale in what a fit
+# learned.
+_LEVELS, _DEPTHS = np.arange(LAST_LEVEL + 1.0), "depths"
 # Side of the window that a spread is averaged over: where an answer is wrong, all of a surface is.
 # On training captures of three cameras and of tracks the surer half then errs up to an eighth less.
 _SURFACE = (13, 13)
@@ -269,9 +280,11 @@ class VolumeNetMethod(Solver):
     The fit measures the camera's blur and how often training shows each depth. What each of 32
     levels costs a pixel under that blur goes into a small network, trained on rendered rooms seen
     by many lenses, and so made for none. Where the blur explains the images well, finer levels tell
-    more: about the network's answer they are looked at along paths, as `sgm` does. Where they do
-    not, the answer may be smoothed `within_edges`. Either is done if the gain on training captures
-    is beyond chance.
+    more: about the network's answer they are looked at along paths, as `sgm` does. The answer may
+    be smoothed `within_edges`. Either is done if the gain on training captures is beyond chance.
+
+    The answer is the mean over depth in the data set's own unit: a mean of metres errs less in
+    metres than a mean of levels.
 
     Parameters
     ----------
@@ -281,7 +294,7 @@ class VolumeNetMethod(Solver):
         Tell the network how often training shows each depth.
     finer : bool
         Let the fit find out whether it helps to look again, in finer steps, about what the network
-        says, or to smooth the answer within the image's edges.
+        says, and to smooth the answer within the image's edges.
     sure : bool
         Also say how sure it is, in levels: the distribution's standard deviation, averaged over 13
         by 13 pixels, or, where it looks again, the spread of the costs about the answer, as of a
@@ -316,6 +329,7 @@ class VolumeNetMethod(Solver):
         device: str = "auto",
     ) -> None:
         super().__init__(None, prior=prior, sure=sure)
+        self._depths: NDArray[np.float64] | None = None
         if not isinstance(finer, bool):
             raise MethodError.of(wrong("finer", "true or false", finer))
         self._tried = _TRIED if finer else _TRIED[:1]
@@ -336,9 +350,26 @@ class VolumeNetMethod(Solver):
             chosen = Chosen(energy_of(shares), weight=1.0)
         trial = copy.copy(self)
         trial.calibrations, trial.chosen = tuple(found), chosen
+        about, learned = captures[0].about, Calibration.all_as_learned(found)
+        if about.kind == "metres":
+            trial._depths = about.of_unit(_LEVELS.astype(np.float32), "levels").astype(np.float64)
+            learned[_DEPTHS] = trial._depths
         finer, smoothing, strength = trial._best_tried(captures)
         best = replace(chosen, finer=finer, smoothing=smoothing, strength=strength)
-        return Calibration.all_as_learned(found) | best.as_learned()
+        return learned | best.as_learned()
+
+    def restore(self, learned: Learned) -> None:
+        """Take over what `fit` learned."""
+        learned = dict(learned)
+        self._depths = None
+        if _DEPTHS in learned:
+            depths = learned_array(learned, _DEPTHS, "volume-net", 1)
+            steps = np.diff(depths) * np.sign(depths[-1] - depths[0])
+            if depths.shape != _LEVELS.shape or steps.min() < 0 or steps.max() <= 0:
+                raise MethodError("not what this method learns", where="volume-net", fix=REFIT)
+            self._depths = depths
+            del learned[_DEPTHS]
+        super().restore(learned)
 
     def _best_tried(self, captures: Sequence[TrainingPair]) -> tuple[float, int, float]:
         """Return reach, smoothing and strength: what errs least of all that surely helps.
@@ -347,47 +378,78 @@ class VolumeNetMethod(Solver):
         """
         looked_at = evenly_spread(len(captures), _LOOKED_AT)
         if len(self._tried) == 1 or len(looked_at) < FEWEST:
-            return *self._tried[0], 0.0
+            return *self._tried[0], _STRENGTHS[0]
         errors = np.array([self._errors_on(captures[index]) for index in looked_at])
         gains = np.log(errors[:, :1] + _ROUNDING) - np.log(errors + _ROUNDING)
         chance = gains.std(axis=0, ddof=1) / math.sqrt(len(gains))
-        means = np.where(gains.mean(axis=0) > _SURE * chance, errors.mean(axis=0), np.inf)
-        means[0] = errors[:, 0].mean()
-        *again, smoothed = means
-        best = int(np.argmin(again))
-        return *self._tried[best], _STRENGTH if not best and smoothed < means[0] else 0.0
+        helps = gains.mean(axis=0) > _SURE * chance
+        helps[0] = True
+        best = int(np.argmin(np.where(helps, errors.mean(axis=0), np.inf)))
+        strength, tried = divmod(best, len(self._tried))
+        return *self._tried[tried], _STRENGTHS[strength]
 
     def _errors_on(self, capture: TrainingPair) -> NDArray[np.float64]:
-        """Return the root mean square error on a capture with all that is tried, smoothing last."""
+        """Return the root mean square error on a capture, in levels of the mean size.
+
+        By strength, and for each by what else is tried.
+        """
         if not capture.valid.any():
-            return np.zeros(len(self._tried) + 1)
+            return np.zeros(len(_STRENGTHS) * len(self._tried))
         infocus, images = self._images_of(capture)
-        costs, mean, deviation = self._said(infocus, images, finer=True)
-        answers = [mean]
+        costs, depth, deviation = self._said(infocus, images, finer=True)
+        answers = [depth]
         for reach, smoothing in self._tried[1:]:
-            by = deviation * np.float32(reach), smoothing * len(images)
-            finer = finer_levels(self._network.levels)
-            answers.append(looked_again(costs.copy(), finer, mean, *by))
-        answers += [*_smoothed(_STRENGTH, infocus, mean)]
-        off = [(each - capture.levels)[capture.valid] for each in answers]
-        return np.array([float(np.sqrt(np.square(each).mean())) for each in off])
+            trial = costs.copy(), depth, deviation, reach, smoothing * len(images)
+            answers.append(self._looked_again(*trial)[0])
+        maps, errors = np.stack(answers), []
+        for strength in _STRENGTHS:
+            off = (_smoothed(strength, infocus, maps) - capture.depth)[:, capture.valid]
+            errors.append(np.sqrt(np.square(off, dtype=np.float64).mean(axis=1)) / self._span)
+        return np.concatenate(errors)
 
     def _settled(
         self, infocus: Image, images: Sequence[Image]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         # It has learned where surfaces end.
-        reach = np.float32(self.chosen.finer)
-        costs, levels, deviation = self._said(infocus, images, finer=bool(reach))
-        if reach:
-            posterior, finer = self._posterior(levels.shape), finer_levels(self._network.levels)
-            by = deviation * reach, self.chosen.smoothing * len(images)
-            levels = looked_again(costs, finer, levels, *by, posterior)
-            if posterior is not None:
-                deviation = posterior.spread_about(levels)
+        chosen = self.chosen
+        costs, depth, deviation = self._said(infocus, images, finer=bool(chosen.finer))
+        if chosen.finer:
+            posterior, smoothing = self._posterior(depth.shape), chosen.smoothing * len(images)
+            depth, deviation = self._looked_again(
+                costs, depth, deviation, chosen.finer, smoothing, posterior
+            )
         else:
             deviation = np.asarray(cv2.blur(deviation, _SURFACE), np.float32)
-        levels, deviation = _smoothed(self.chosen.strength, infocus, levels, deviation)
+        depth, deviation = _smoothed(chosen.strength, infocus, np.stack([depth, deviation]))
+        levels, deviation = rescaled(depth, deviation, self._scale, _LEVELS)
         return levels, deviation if self._sure.asked else None
+
+    def _looked_again(
+        self,
+        costs: NDArray[np.uint16],
+        depth: NDArray[np.float32],
+        deviation: NDArray[np.float32],
+        reach: float,
+        smoothing: float,
+        posterior: Posterior | None = None,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return depth and its deviation as before, by `looked_again`."""
+        levels, spread = rescaled(depth, deviation, self._scale, _LEVELS)
+        finer, by = finer_levels(self._network.levels), spread * np.float32(reach)
+        levels = looked_again(costs, finer, levels, by, smoothing, posterior)
+        if posterior is not None:
+            spread = posterior.spread_about(levels)
+        return rescaled(levels, spread, _LEVELS, self._scale)
+
+    @property
+    def _scale(self) -> NDArray[np.float64]:
+        """The depth of each level, in the unit of the data set that it was fitted on."""
+        return _LEVELS if self._depths is None else self._depths
+
+    @property
+    def _span(self) -> float:
+        """A level's mean part of the range of depths."""
+        return float(np.ptp(self._scale)) / LAST_LEVEL
 
     def _solve(
         self, infocus: Image, images: Sequence[Image], posterior: Posterior | None = None
@@ -397,7 +459,10 @@ class VolumeNetMethod(Solver):
     def _said(
         self, infocus: Image, images: Sequence[Image], finer: bool
     ) -> tuple[NDArray[np.uint16], NDArray[np.float32], NDArray[np.float32]]:
-        """Return what levels cost, and the mean and deviation of what the network says of them."""
+        """Return what levels cost, and the mean and deviation of the depth that the network says.
+
+        The depth is in the unit of the data set that it was fitted on.
+        """
         rows, columns = infocus.shape[:2]
         count, multiple = self._network.levels, 2 * self._network.multiple
         laws = [found.law for found in self.calibrations]
@@ -411,18 +476,51 @@ class VolumeNetMethod(Solver):
         with torch.inference_mode():
             logits, mask = self._network(*(_one(each).to(self._device) for each in given))
             # The middle of a part of whole levels lies between two of them.
-            depths = torch.from_numpy(levels_of(count) - 0.5).float().to(self._device)
-            found = mean_and_variance(logits, mask, depths)
+            depths = np.interp(levels_of(count) - 0.5, _LEVELS, self._scale)
+            found = mean_and_variance(
+                logits, mask, torch.from_numpy(depths).float().to(self._device)
+            )
         mean, variance = (each[0, :rows, :columns].cpu().numpy() for each in found)
-        return costs, np.clip(mean, 0, LAST_LEVEL), np.sqrt(variance + _SMALLEST)
+        return costs, mean, np.sqrt(variance + np.float32(_SMALLEST * self._span**2))
 
 
-def _smoothed(
-    strength: float, infocus: Image, *maps: NDArray[np.float32]
-) -> Sequence[NDArray[np.float32]]:
+def rescaled(
+    depth: NDArray[np.float32],
+    deviation: NDArray[np.float32],
+    scale: NDArray[np.float64],
+    other: NDArray[np.float64],
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return depth and its standard deviation by another scale, by its mean slope about the depth.
+
+    Parameters
+    ----------
+    depth, deviation : ndarray of float32, shape (y, x)
+        By `scale`.
+    scale, other : ndarray of float64, shape (level,)
+        What both scales have for the same depths, rising or falling; beyond the ends is the end.
+
+    Examples
+    --------
+    >>> near, far = np.float32([[1]]), np.float32([[0.5]])
+    >>> [each.tolist() for each in rescaled(near, far, np.arange(3.0), np.arange(0, -30, -10.0))]
+    [[[-10.0]], [[5.0]]]
+    """
+    if scale is other:
+        return depth, deviation
+    turn = np.sign(scale[-1] - scale[0])
+    rising, place = turn * scale, turn * depth
+    step = (rising[-1] - rising[0]) / 1000
+    low = np.clip(place - deviation, rising[0], rising[-1] - step)
+    high = np.clip(place + deviation, low + step, rising[-1])
+    slope = np.abs(np.interp(high, rising, other) - np.interp(low, rising, other)) / (high - low)
+    found = np.interp(place, rising, other)
+    return found.astype(np.float32), np.asarray(slope * deviation, np.float32)
+
+
+def _smoothed(strength: float, infocus: Image, maps: NDArray[np.float32]) -> NDArray[np.float32]:
     if not strength:
         return maps
-    return list(within_edges(np.stack(maps), infocus, strength, _CONTRAST).astype(np.float32))
+    return within_edges(maps, infocus, strength, _CONTRAST).astype(np.float32)
 
 
 def _one(planes: Array) -> torch.Tensor:

@@ -5,6 +5,9 @@ import pytest
 
 from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import RECIPES
+from dfdbench.datasets.depth_scale import DepthScale
+from dfdbench.datasets.manifest import Depth
+from dfdbench.errors import MethodError
 from dfdbench.methods.blurred import blurred_by
 from dfdbench.methods.edges import within_edges
 from dfdbench.methods.law_cost import law_cost
@@ -102,16 +105,17 @@ def test_the_fit_looks_again_only_where_that_surely_errs_less() -> None:
 
 def test_a_gain_that_may_be_chance_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     method = volume_net.VolumeNetMethod(device="cpu")
-    rough = np.outer([9, -8, 9, -8, 9, -8, 9, -8], np.arange(11))
-    steady = np.tile(np.arange(11.0), (8, 1))
-    # Smoothing, tried last, counts only where nothing that looks again helps.
+    rough = np.outer([9, -8, 9, -8, 9, -8, 9, -8], np.arange(30))
+    steady = np.tile(np.arange(30.0), (8, 1))
+    # Ten ways of looking again, or not, smoothed with one strength after the other.
     for gains, best in (
         (rough, (0.0, 1, 0.0)),
-        (steady, (4.0, 13, 0.0)),
-        (steady * (np.arange(11) == 10), (0.0, 1, 1000.0)),
-        (rough * (np.arange(11) == 10), (0.0, 1, 0.0)),
+        (steady, (4.0, 13, 1000.0)),
+        (steady * (np.arange(30) < 10), (4.0, 13, 0.0)),
+        (steady * (np.arange(30) == 10), (0.0, 1, 100.0)),
+        (rough * (np.arange(30) == 10), (0.0, 1, 0.0)),
     ):
-        errors = iter(np.full((8, 11), 20.0) - gains / 8)
+        errors = iter(np.full((8, 30), 40.0) - gains / 8)
         monkeypatch.setattr(method, "_errors_on", lambda capture, errors=errors: next(errors))
         assert method._best_tried([None] * 8) == best  # type: ignore[list-item]
 
@@ -127,3 +131,39 @@ def test_the_answer_and_its_spread_are_smoothed_as_the_fit_chose(finer: float) -
     expected = within_edges(found[0], pair.infocus, 1000.0, 2.0)
     np.testing.assert_allclose(found[1], expected, rtol=1e-6)
     assert np.abs(found[1] - found[0]).max() > 0.1
+
+
+def test_on_a_set_in_metres_it_answers_the_mean_of_metres() -> None:
+    in_levels = slope(3)
+    scale = DepthScale(near=0.5, far=8.0)
+    about = Depth(axes=[], unknown=0, grows_with="nearness", unit="metres", scale=scale)
+    metres = about.of_unit(in_levels.depth, "levels")
+    method = volume_net.VolumeNetMethod(device="cpu")
+    answers = []
+    for pair in (in_levels, replace(in_levels, depth=metres, about=about)):
+        method.restore(dict(method.fit([pair])))  # type: ignore[misc]
+        answers.append(method(pair.infocus, pair.defocus))
+    (levels, _), (own, sigma) = answers
+    # A distance falls ever more slowly with the level: by Jensen's inequality the mean distance is
+    # beyond the distance of the mean level.
+    beyond = scale.to_metres(own) - scale.to_metres(levels)
+    assert beyond.min() > -1e-3
+    assert np.median(beyond) > 1e-3
+    assert 0.85 < (np.abs(own - in_levels.levels) <= 1.645 * sigma).mean() < 0.95
+
+
+@pytest.mark.parametrize("scale", [np.arange(256.0), 1 / np.linspace(0.1, 2, 256)])
+def test_another_scale_and_back_is_the_same_depth(scale: np.ndarray) -> None:
+    levels, spread = np.float32([[9, 80, 246]]), np.float32([[0.1, 3, 9]])
+    own = volume_net.rescaled(levels, spread, np.arange(256.0), scale)
+    back = volume_net.rescaled(*own, scale, np.arange(256.0))
+    np.testing.assert_allclose(back[0], levels, rtol=1e-3)
+    np.testing.assert_allclose(back[1], spread, rtol=0.1)
+
+
+@pytest.mark.parametrize("depths", [np.arange(9.0), np.arange(256) % 100, np.ones(256)])
+def test_a_damaged_scale_is_refused(depths: np.ndarray) -> None:
+    pair, method = slope(3), volume_net.VolumeNetMethod(device="cpu")
+    learned = dict(method.fit([pair]))  # type: ignore[misc]
+    with pytest.raises(MethodError, match="not what this method learns"):
+        method.restore(learned | {"depths": depths})
