@@ -154,7 +154,7 @@ def test_on_a_set_in_metres_it_answers_the_mean_of_metres() -> None:
 
 @pytest.mark.parametrize("scale", [np.arange(256.0), 1 / np.linspace(0.1, 2, 256)])
 def test_another_scale_and_back_is_the_same_depth(scale: np.ndarray) -> None:
-    levels, spread = np.float32([[9, 80, 246]]), np.float32([[0.1, 3, 9]])
+    levels, spread = np.array([[[9, 80, 246]], [[0.1, 3, 9]]], np.float32)
     own = volume_net.rescaled(levels, spread, np.arange(256.0), scale)
     back = volume_net.rescaled(*own, scale, np.arange(256.0))
     np.testing.assert_allclose(back[0], levels, rtol=1e-3)
