@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dfdbench.blur.law import ROUNDING_VARIANCE, BlurLaw
-from dfdbench.blur.light import LINEAR, Floats, Image, decode, encode
+from dfdbench.blur.light import LINEAR, Floats, Image, decode, encode, photographed
 from dfdbench.blur.occlusion import composite_layers, without_tails
 from dfdbench.blur.point_spread import point_spread_functions
 from dfdbench.blur.recipe import LAST_LEVEL, LEVELS, BlurRecipe
-from dfdbench.blur.synthesis import blur_by_level, blur_by_recipe, require_images, rounded
+from dfdbench.blur.synthesis import Ints, blur_by_level, blur_by_recipe, require_images, rounded
 from dfdbench.blur.tracks import Degradation, Formation
+from dfdbench.system.compiled import compiled
 
 # Each 64-bit word of the generator gives two 32-bit numbers.
 _HALVES = 2
@@ -391,8 +392,12 @@ def magnify(image: Floats, larger: Sequence[float] | Floats) -> Floats:
     out = image.copy()
     for channel, share in enumerate(larger):
         if share:
-            down, across = (_magnifying(size, float(share)) for size in image.shape[:2])
-            out[..., channel] = down @ image[..., channel] @ across.T
+            # Rows, then columns as rows.
+            plane = np.ascontiguousarray(image[..., channel])
+            for size in image.shape[:2]:
+                rows = _weighted_rows(plane, *_magnifying(size, float(share)))
+                plane = np.ascontiguousarray(rows.T)
+            out[..., channel] = plane
     return out
 
 
@@ -402,18 +407,27 @@ def _lanczos(offsets: NDArray[np.floating]) -> Floats:
 
 
 @lru_cache(maxsize=16)
-def _magnifying(size: int, larger: float) -> Floats:
+def _magnifying(size: int, larger: float) -> tuple[Ints, Floats]:
+    """Return the nearest row to each row's place, and the weights of the rows around that."""
     middle = (size - 1) / 2
     places = middle + (np.arange(size) - middle) / (1 + larger)
     nearest = np.rint(places).astype(int)
     steps = np.arange(-LOBES, LOBES + 1)
     offsets = (nearest - places)[:, np.newaxis] + steps
     taps = _lanczos(offsets)
-    taps /= taps.sum(axis=1, keepdims=True)
-    weights = np.zeros((size, size))
-    columns = np.clip(nearest[:, np.newaxis] + steps, 0, size - 1)
-    np.add.at(weights, (np.arange(size)[:, np.newaxis], columns), taps)
-    return weights
+    return nearest, taps / taps.sum(axis=1, keepdims=True)
+
+
+@compiled()
+def _weighted_rows(plane: Floats, nearest: Ints, taps: Floats) -> Floats:
+    height, width = plane.shape
+    out = np.zeros_like(plane)
+    for y in range(height):
+        for step in range(taps.shape[1]):
+            row, weight = min(max(nearest[y] + step - LOBES, 0), height - 1), taps[y, step]
+            for x in range(width):
+                out[y, x] += weight * plane[row, x]
+    return out
 
 
 def _photograph(light: Floats, formation: Formation, key: tuple[str | int, ...]) -> Image:
@@ -423,7 +437,7 @@ def _photograph(light: Floats, formation: Formation, key: tuple[str | int, ...])
         variance = variance + np.maximum(light, 0) / formation.full_well
     if variance.any():
         light = light + np.sqrt(variance) * normal_numbers(light.shape, *key)
-    return rounded(encode(light) if formation.linear else light)
+    return photographed(light) if formation.linear else rounded(light)
 
 
 @lru_cache(maxsize=8)
