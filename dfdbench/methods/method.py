@@ -29,8 +29,6 @@ from dfdbench.tables.table import Table, as_html
 if TYPE_CHECKING:
     import xarray
 
-    from dfdbench.datasets.manifest import Depth
-
 Image = NDArray[np.uint8]
 #: Depth, or how sure a method is of it: shape (y, x).
 DepthMap = NDArray[np.float32]
@@ -330,6 +328,17 @@ class Prediction:
     sigma: DepthMap | None = None
 
 
+class DepthUnit(Protocol):
+    """What a fit sees of a data set's unit of depth."""
+
+    @property
+    def kind(self) -> Unit:
+        """Levels or metres."""
+
+    def of_unit(self, depth: NDArray[np.float32], unit: Unit) -> NDArray[np.float32]:
+        """Return depth in levels or metres in this kind."""
+
+
 class TrainingPair(CaptureImages, Protocol):
     """What a fit sees of a capture."""
 
@@ -338,7 +347,7 @@ class TrainingPair(CaptureImages, Protocol):
         """Depth in the data set's unit, shape (y, x); NaN where it is unknown."""
 
     @property
-    def about(self) -> Depth:
+    def about(self) -> DepthUnit:
         """What the depth means: the manifest's section."""
 
     @property

@@ -85,6 +85,39 @@ def read_out(costs: Array, sharpness: float) -> NDArray[np.float64]:
     return np.asarray(np.clip(label + part - 0.5, 0, len(costs) - 1))
 
 
+def rescaled(
+    depth: NDArray[np.float32],
+    deviation: NDArray[np.float32],
+    scale: NDArray[np.float64],
+    other: NDArray[np.float64],
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return depth and its standard deviation by another scale, by its mean slope about the depth.
+
+    Parameters
+    ----------
+    depth, deviation : ndarray of float32, shape (y, x)
+        By `scale`.
+    scale, other : ndarray of float64, shape (level,)
+        What both scales have for the same depths, rising or falling; beyond the ends is the end.
+
+    Examples
+    --------
+    >>> near, far = np.float32([[1]]), np.float32([[0.5]])
+    >>> [each.tolist() for each in rescaled(near, far, np.arange(3.0), np.arange(0, -30, -10.0))]
+    [[[-10.0]], [[5.0]]]
+    """
+    if scale is other:
+        return depth, deviation
+    turn = np.sign(scale[-1] - scale[0])
+    rising, place = turn * scale, turn * depth
+    step = (rising[-1] - rising[0]) / 1000
+    low = np.clip(place - deviation, rising[0], rising[-1] - step)
+    high = np.clip(place + deviation, low + step, rising[-1])
+    slope = np.abs(np.interp(high, rising, other) - np.interp(low, rising, other)) / (high - low)
+    found = np.interp(place, rising, other)
+    return found.astype(np.float32), np.asarray(slope * deviation, np.float32)
+
+
 # Their names in what a fit returns.
 _FIELDS = ("prior", "prior_weight", "sharpness", "smoothing", "finer", "strength")
 

@@ -12,42 +12,34 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from dfdbench.blur.law import BlurLaw
 from dfdbench.blur.recipe import LAST_LEVEL
 from dfdbench.errors import MethodError
-from dfdbench.methods.blurred import all_blurred
 from dfdbench.methods.choices import FEWEST, energy_of, shares_of
 from dfdbench.methods.edges import within_edges
-from dfdbench.methods.fitted import (
-    REFIT,
-    Image,
-    Solver,
-    channels_of,
-    evenly_spread,
-    learned_array,
-    wrong,
-)
-from dfdbench.methods.law_cost import MOST_NATS, law_cost
+from dfdbench.methods.fitted import REFIT, Image, Solver, evenly_spread, learned_array, wrong
 from dfdbench.methods.measured_law import Calibration
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.networks.inference import find_device
 from dfdbench.methods.networks.volume import MOST, VolumeNet, mean_and_variance
 from dfdbench.methods.networks.weights import open_weights
 from dfdbench.methods.posterior import Posterior
-from dfdbench.methods.readout import AS_USUAL, Chosen
-from dfdbench.methods.sgm import DIRECTIONS, path_costs, path_costs_by_bands
+from dfdbench.methods.readout import AS_USUAL, Chosen, rescaled
+from dfdbench.methods.sgm import DIRECTIONS, path_costs_by_bands
 from dfdbench.methods.sgm import MOST as MOST_OF_PATHS
+from dfdbench.methods.volume_costs import (
+    UNIT,
+    all_costs,
+    along_paths,
+    finer_levels,
+    guide_of,
+    halved,
+    levels_of,
+    padded,
+)
 from dfdbench.system.compiled import compiled
 
 Array = NDArray[Any]
 
-# Integer cost of a nat: over a window hundredths of one add up. What costs are at most.
-_UNIT, _MOST_KEPT = 64, np.iinfo(np.uint16).max
-# Rows that are blurred at once: their blurred images stay in a processor's cache.
-_ROWS = 128
-# Integer cost of a nat along paths, and of a step of one level and of more: of some, those that
-# erred least on five cameras of the training.
-_PATH_UNIT, _SMALL_STEP, _LARGE_STEP = 16, 40, 800
 # Looking again: how many times as coarse a nat's integer cost is; nats that costs are cut off at,
 # and of a step of one level and of more, as for `SemiGlobal`.
 _COARSER, _LIMIT, _STEPS = 16, 100, (0.5, 15.0)
@@ -73,120 +65,6 @@ _LEVELS, _DEPTHS = np.arange(LAST_LEVEL + 1.0), "depths"
 # Side of the window that a spread is averaged over: where an answer is wrong, all of a surface is.
 # On training captures of three cameras and of tracks the surer half then errs up to an eighth less.
 _SURFACE = (13, 13)
-# Side of the window that the guide's contrast is made even over, and grey levels of no contrast.
-_WINDOW, _BARE = 15, 8.0
-
-
-def levels_of(count: int) -> NDArray[np.intp]:
-    """Return the depth levels that a volume of so many has: the middles of even parts.
-
-    Examples
-    --------
-    >>> levels_of(32)[[0, 1, 31]].tolist()
-    [4, 12, 252]
-    """
-    step = (LAST_LEVEL + 1) // count
-    return np.arange(step // 2, LAST_LEVEL + 1, step)
-
-
-def finer_levels(count: int) -> NDArray[np.intp]:
-    """Return twice as many levels: every second one is of `levels_of`.
-
-    Examples
-    --------
-    >>> finer_levels(32)[[0, 1, 2, 61, 62, 63]].tolist()
-    [4, 8, 12, 248, 252, 255]
-    """
-    step = (LAST_LEVEL + 1) // (2 * count)
-    return np.append(np.arange(step, LAST_LEVEL + 1, step), LAST_LEVEL)
-
-
-def halved_costs(
-    laws: Sequence[BlurLaw], infocus: Image, images: Sequence[Image], count: int, multiple: int = 2
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return what each of some levels costs, and what can be told, at half the resolution.
-
-    Parameters
-    ----------
-    laws : sequence of BlurLaw
-        How each defocus image came about.
-    infocus : ndarray of uint8, shape (y, x, channel) or (y, x)
-        What they are blurred from.
-    images : sequence of ndarray of uint8, of that shape
-        The defocus images.
-    count : int
-        How many levels.
-    multiple : int
-        Rows and columns are made so many times a whole number, the last repeated.
-
-    Returns
-    -------
-    volume : ndarray of float32, shape (level, y / 2, x / 2)
-        Nats above a pixel's least, at most `MOST`: the mean of two by two pixels.
-    told : ndarray of float32, shape (y / 2, x / 2)
-        By how much the least and the largest level differ there, squared, in units of the noise.
-    """
-    return _halved(*_all_costs(laws, infocus, images, levels_of(count)), multiple)
-
-
-def _all_costs(
-    laws: Sequence[BlurLaw],
-    infocus: Image,
-    images: Sequence[Image],
-    levels: NDArray[np.intp],
-    step: int = 1,
-) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
-    """Return what levels cost, `_UNIT` a nat, and what every so manieth of them can tell."""
-    shape, one = infocus.shape[:2], len(images) == 1
-    most, ceiling = (_MOST_KEPT, math.inf) if one else (_UNIT * MOST_NATS, _UNIT * MOST_NATS)
-    costs, told = np.zeros((*shape, len(levels)), np.uint16), np.zeros(shape, np.float32)
-    for blurred in all_blurred(laws, infocus, images, levels):
-        for top in range(0, shape[0], _ROWS):
-            rows = slice(top, top + _ROWS)
-            band = blurred.part(rows)
-            law_cost(band, _UNIT, most, costs[rows], not one, ceiling)
-            factors = band.factors[:, ::step]
-            ends = band.nodes @ (factors[:, -1] - factors[:, 0])
-            told[rows] += sum(np.moveaxis(np.square(ends / band.noise), 2, 0))
-    return costs, told
-
-
-def along_paths(volume: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return costs summed along the paths of semi-global matching, as `SemiGlobal` has them.
-
-    Parameters
-    ----------
-    volume : ndarray of float32, shape (level, y, x)
-        Costs in nats.
-
-    Returns
-    -------
-    ndarray of float32, shape (level, y, x)
-        The mean over eight directions, in nats above a pixel's least, at most `MOST`.
-
-    Examples
-    --------
-    >>> along_paths(np.array([[[0, 2]], [[3, 0]]], np.float32)).ravel().tolist()
-    [0.0, 1.6875, 2.75, 0.0]
-    """
-    costs = np.moveaxis(np.rint(_PATH_UNIT * volume), 0, 2).astype(np.uint16)
-    sums = np.moveaxis(path_costs(np.ascontiguousarray(costs), _SMALL_STEP, _LARGE_STEP), 2, 0)
-    nats = (sums - sums.min(axis=0)) / np.float32(_PATH_UNIT * DIRECTIONS)
-    return np.asarray(np.minimum(nats, np.float32(MOST), out=nats))
-
-
-def guide_of(infocus: Image) -> NDArray[np.float32]:
-    """Return an image's grey, its contrast about the same everywhere: shape (y, x).
-
-    Examples
-    --------
-    >>> float(np.abs(guide_of(np.full((20, 20, 3), 90, np.uint8))).max())
-    0.0
-    """
-    grey = channels_of(infocus).mean(axis=2)
-    mean = cv2.blur(grey, (_WINDOW, _WINDOW))
-    variance = cv2.blur(grey * grey, (_WINDOW, _WINDOW)) - mean * mean
-    return np.asarray((grey - mean) / (np.sqrt(np.maximum(variance, 0)) + _BARE), np.float32)
 
 
 def looked_again(
@@ -218,7 +96,7 @@ def looked_again(
     -------
     ndarray of float32, shape (y, x)
     """
-    unit = _UNIT // _COARSER
+    unit = UNIT // _COARSER
     small, large = (min(round(unit * smoothing * step), MOST_OF_PATHS // 2) for step in _STEPS)
     narrow = np.float32(unit / 2) / np.square(deviation)
     _weigh_in(costs, levels, mean, narrow, unit * MOST)
@@ -237,7 +115,7 @@ def looked_again(
 def _weigh_in(costs: Array, levels: Array, mean: Array, narrow: Array, unlikely: float) -> None:
     """Add to a pixel's costs, in coarser units, how far each level is from its mean, squared."""
     height, width, count = costs.shape
-    cut_off = _LIMIT * _UNIT // _COARSER
+    cut_off = _LIMIT * UNIT // _COARSER
     for y in range(height):
         for x in range(width):
             for level in range(count):
@@ -467,10 +345,10 @@ class VolumeNetMethod(Solver):
         count, multiple = self._network.levels, 2 * self._network.multiple
         laws = [found.law for found in self.calibrations]
         levels, step = (finer_levels(count), 2) if finer else (levels_of(count), 1)
-        costs, told = _all_costs(laws, infocus, images, levels, step)
-        volume, told = _halved(costs, told, multiple, step)
+        costs, told = all_costs(laws, infocus, images, levels, step)
+        volume, told = halved(costs, told, multiple, step)
         prior = -self.chosen.energy[levels_of(count)].astype(np.float32)
-        guide = _padded(guide_of(infocus), multiple)
+        guide = padded(guide_of(infocus), multiple)
         told = np.log1p(told)[np.newaxis]
         given = (volume, along_paths(volume), told, guide[np.newaxis], prior)
         with torch.inference_mode():
@@ -484,39 +362,6 @@ class VolumeNetMethod(Solver):
         return costs, mean, np.sqrt(variance + np.float32(_SMALLEST * self._span**2))
 
 
-def rescaled(
-    depth: NDArray[np.float32],
-    deviation: NDArray[np.float32],
-    scale: NDArray[np.float64],
-    other: NDArray[np.float64],
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return depth and its standard deviation by another scale, by its mean slope about the depth.
-
-    Parameters
-    ----------
-    depth, deviation : ndarray of float32, shape (y, x)
-        By `scale`.
-    scale, other : ndarray of float64, shape (level,)
-        What both scales have for the same depths, rising or falling; beyond the ends is the end.
-
-    Examples
-    --------
-    >>> near, far = np.float32([[1]]), np.float32([[0.5]])
-    >>> [each.tolist() for each in rescaled(near, far, np.arange(3.0), np.arange(0, -30, -10.0))]
-    [[[-10.0]], [[5.0]]]
-    """
-    if scale is other:
-        return depth, deviation
-    turn = np.sign(scale[-1] - scale[0])
-    rising, place = turn * scale, turn * depth
-    step = (rising[-1] - rising[0]) / 1000
-    low = np.clip(place - deviation, rising[0], rising[-1] - step)
-    high = np.clip(place + deviation, low + step, rising[-1])
-    slope = np.abs(np.interp(high, rising, other) - np.interp(low, rising, other)) / (high - low)
-    found = np.interp(place, rising, other)
-    return found.astype(np.float32), np.asarray(slope * deviation, np.float32)
-
-
 def _smoothed(strength: float, infocus: Image, maps: NDArray[np.float32]) -> NDArray[np.float32]:
     if not strength:
         return maps
@@ -526,41 +371,3 @@ def _smoothed(strength: float, infocus: Image, maps: NDArray[np.float32]) -> NDA
 def _one(planes: Array) -> torch.Tensor:
     # PyTorch sees by strides that levels lie side by side, if the first axis has the largest.
     return torch.from_numpy(np.moveaxis(planes, 0, -1))[None].movedim(-1, 1)
-
-
-def _padded(image: Array, multiple: int) -> Array:
-    return np.pad(image, [(0, -side % multiple) for side in image.shape], mode="edge")
-
-
-def _halved(
-    costs: Array, told: Array, multiple: int, step: int = 1
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return every so manieth level's costs in nats, and what can be told, over two by two."""
-    whole = _padded(told, multiple)
-    rows, columns = (side // 2 for side in whole.shape)
-    volume = np.empty((rows, columns, (costs.shape[2] + step - 1) // step), np.float32)
-    _halve(costs, step, int(_UNIT * MOST), volume)
-    blocks = whole.reshape(rows, 2, columns, 2)
-    return np.moveaxis(volume, 2, 0), blocks.mean(axis=(1, 3), dtype=np.float32)
-
-
-@compiled()
-def _halve(costs: Array, step: int, most: int, volume: Array) -> None:
-    (height, width, _), (rows, columns, count) = costs.shape, volume.shape
-    some, sums = np.empty(count, np.int32), np.empty(count, np.int32)
-    for y in range(rows):
-        for x in range(columns):
-            sums[:] = 0
-            for down in range(2):
-                for right in range(2):
-                    # The last row and column stand for those beyond.
-                    pixel = costs[min(2 * y + down, height - 1), min(2 * x + right, width - 1)]
-                    for level in range(count):
-                        some[level] = pixel[level * step]
-                    least = some.min()
-                    for level in range(count):
-                        sums[level] += min(some[level] - least, most)
-            least = sums.min()
-            for level in range(count):
-                nats = (sums[level] - least) / np.float32(4 * _UNIT)
-                volume[y, x, level] = min(nats, np.float32(MOST))

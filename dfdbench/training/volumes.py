@@ -27,7 +27,7 @@ from dfdbench.methods.choices import energy_of, shares_of
 from dfdbench.methods.method import TrainingPair
 from dfdbench.methods.networks.volume import MOST, VolumeNet, mean_and_variance
 from dfdbench.methods.stacks import sharp_and_blurred
-from dfdbench.methods.volume_net import along_paths, guide_of, halved_costs, levels_of
+from dfdbench.methods.volume_costs import along_paths, guide_of, halved_costs, levels_of
 from dfdbench.system.parallel import OnDone
 from dfdbench.training.cameras import MULTIPLE, Course, cut, kept_examples, loss_of, side_of, turned
 

@@ -7,9 +7,13 @@ import pytest
 
 pytest.importorskip("torch", reason="needs the extra nets")
 
+import torch
+from torch import nn
+
 from dfdbench.datasets.dataset import Dataset
 from dfdbench.errors import MethodError
 from dfdbench.evaluation.loading import load_for
+from dfdbench.methods.networks.inference import Predictor
 from dfdbench.methods.networks.weights import load_weights, save_weights
 from dfdbench.methods.registry import load
 from tests.methods.made_weights import card
@@ -49,13 +53,35 @@ def test_weights_are_read_out_as_they_were_made_for(weights: Path, tmp_path: Pat
     assert np.array_equal(levels(other, readout="mode"), mode)
 
 
-def test_the_median_over_a_window_is_taken_of_the_answer(weights: Path) -> None:
-    plain, smooth = levels(weights), levels(weights, median_window=5)
-    assert np.array_equal(levels(weights, median_window=1), plain)
-    assert smooth[10, 10] == np.median(plain[8:13, 8:13])
-    assert smooth.std() < plain.std()
-    # Of an image smaller than the window, its edge is repeated.
-    assert levels(weights, median_window=61).shape == plain.shape
+def test_pixels_vote_within_the_image_s_edges(weights: Path, monkeypatch: Any) -> None:
+    random = np.random.default_rng(2)
+    depth = np.repeat([[40.0, 200.0]], 40, axis=0).repeat(30, axis=1)
+    infocus = (depth[..., np.newaxis] + random.integers(-3, 4, (40, 60, 3))).astype(np.uint8)
+    method: Any = load("dfd-net", weights=str(weights), device="cpu", strength=1e4)
+    # Three pixels in ten are sure of the other depth.
+    taken = np.where(random.random(depth.shape) < 0.3, depth[:, ::-1], depth)
+    far = np.abs(np.arange(64) * 4 + 1.5 - taken[..., np.newaxis])
+    monkeypatch.setattr(method._predict, "log_shares", lambda *_: -far.clip(0, 64) / 8)
+    assert np.abs(method(infocus, infocus) - depth).max() < 3
+    # A raised vote for one of two depths leaves less to the other.
+    twice: Any = load("dfd-net", weights=str(weights), device="cpu", strength=1e4, sharpness=3)
+    monkeypatch.setattr(twice._predict, "log_shares", lambda *_: -far.clip(0, 64) / 8)
+    off = [np.abs(each(infocus, infocus) - depth).mean() for each in (method, twice)]
+    assert off[1] < off[0]
+
+
+def test_votes_are_the_network_s_log_probabilities(weights: Path) -> None:
+    network = load_weights(weights, "dfd-net")[0]
+    pair = np.random.default_rng(5).integers(0, 256, (2, 24, 31, 3)).astype(np.uint8)
+    given = torch.from_numpy(np.concatenate(pair, axis=2)[np.newaxis]).permute(0, 3, 1, 2).float()
+    with torch.inference_mode():
+        logits = network(nn.functional.pad(given, (0, 1, 0, 0), mode="reflect"))[
+            0, :, :, :31
+        ].numpy()
+    shares = np.exp(logits - logits.max(0)) / np.exp(logits - logits.max(0)).sum(0)
+    expected = np.log(shares.reshape(64, 4, 24, 31).sum(1) + 1e-4)
+    found = Predictor(network, torch.device("cpu")).log_shares(*pair)
+    np.testing.assert_allclose(np.moveaxis(found, 2, 0), expected, atol=0.02)
 
 
 def test_the_mean_over_orientations_does_not_depend_on_the_turn_of_a_pair(weights: Path) -> None:
@@ -79,11 +105,13 @@ def test_the_mean_over_orientations_does_not_depend_on_the_turn_of_a_pair(weight
 
 
 def test_wrong_numbers_are_named_together(weights: Path) -> None:
-    for wrong, window in ((0, 0), (2, 4), (8.0, 257), (True, True), ("8", 2.5)):
+    for wrong, number in ((0, -1), (2, 1e10), (8.0, 2e9), (True, True), ("8", "2")):
         with pytest.raises(MethodError) as caught:
-            load("dfd-net", weights=str(weights), orientations=wrong, median_window=window)
+            load("dfd-net", weights=str(weights), orientations=wrong, strength=number)
         named = [problem.where for problem in caught.value.problems]
-        assert named == ["median_window", "orientations"]
+        assert named == ["strength", "orientations"]
+    with pytest.raises(MethodError, match="sharpness"):
+        load("dfd-net", weights=str(weights), sharpness=0)
 
 
 @pytest.mark.slow

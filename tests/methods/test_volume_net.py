@@ -12,23 +12,24 @@ from dfdbench.methods.blurred import blurred_by
 from dfdbench.methods.edges import within_edges
 from dfdbench.methods.law_cost import law_cost
 from dfdbench.methods.networks.volume import MOST
+from dfdbench.methods.readout import rescaled
 from tests.methods.made_planes import pair_of, slope, texture
 
 pytest.importorskip("torch")
 
-from dfdbench.methods import volume_net
+from dfdbench.methods import volume_costs, volume_net
 
 LAW = BlurLaw(sigmas=tuple(RECIPES["published"].sigmas[::-1].tolist()))
 
 
 def test_costs_are_those_of_normal_noise_over_two_by_two_pixels() -> None:
     pair = pair_of(texture(3)[:31, :40], np.full((31, 40), 90, np.uint8))
-    volume, told = volume_net.halved_costs([LAW], pair.infocus, [pair.defocus], 32, 8)
+    volume, told = volume_costs.halved_costs([LAW], pair.infocus, [pair.defocus], 32, 8)
     assert volume.shape == (32, 16, 20)
     assert told.shape == (16, 20)
     blurred = blurred_by(LAW, pair.infocus, pair.defocus)
     costs = []
-    for level in volume_net.levels_of(32):
+    for level in volume_costs.levels_of(32):
         residual = (blurred.nodes @ blurred.factors[:, level] - blurred.aim) / blurred.noise
         spread = blurred.spread[level]
         costs.append((residual**2).sum(2) / (2 * spread) + 1.5 * np.log(spread))
@@ -58,7 +59,7 @@ def test_looked_at_again_finer_levels_are_nearer_where_the_blur_explains_the_ima
     depth = np.full((48, 64), 101, np.uint8)
     depth[:, 32:] = 154
     pair = pair_of(texture(6, 48, 64), depth)
-    levels = volume_net.finer_levels(32)
+    levels = volume_costs.finer_levels(32)
     # 64 a nat.
     costs, _ = law_cost(blurred_by(LAW, pair.infocus, pair.defocus, levels), 64, 65535)
     said = depth + np.float32(6)
@@ -155,8 +156,8 @@ def test_on_a_set_in_metres_it_answers_the_mean_of_metres() -> None:
 @pytest.mark.parametrize("scale", [np.arange(256.0), 1 / np.linspace(0.1, 2, 256)])
 def test_another_scale_and_back_is_the_same_depth(scale: np.ndarray) -> None:
     levels, spread = np.array([[[9, 80, 246]], [[0.1, 3, 9]]], np.float32)
-    own = volume_net.rescaled(levels, spread, np.arange(256.0), scale)
-    back = volume_net.rescaled(*own, scale, np.arange(256.0))
+    own = rescaled(levels, spread, np.arange(256.0), scale)
+    back = rescaled(*own, scale, np.arange(256.0))
     np.testing.assert_allclose(back[0], levels, rtol=1e-3)
     np.testing.assert_allclose(back[1], spread, rtol=0.1)
 

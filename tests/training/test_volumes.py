@@ -7,7 +7,7 @@ import torch
 from dfdbench.datasets.captures import Capture
 from dfdbench.datasets.manifest import Pair
 from dfdbench.datasets.rendered import FIRST_TRAIN
-from dfdbench.methods.volume_net import levels_of
+from dfdbench.methods.volume_costs import levels_of
 from dfdbench.training import volumes
 from tests.methods.made_planes import slope
 

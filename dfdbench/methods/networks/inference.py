@@ -1,7 +1,7 @@
 """Apply a network to images of any size: in tiles, with the last layer a few rows at a time."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, Literal
 
 import numpy as np
@@ -9,6 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import MethodError
 from dfdbench.methods.networks.architectures import fold_batch_norm
 
@@ -16,6 +17,10 @@ Precision = Literal["float32", "bf16"]
 PRECISIONS: tuple[Precision, ...] = ("float32", "bf16")
 Readout = Literal["mode", "median"]
 READOUTS: tuple[Readout, ...] = ("mode", "median")
+# How logits, shape (y, x, level), are read.
+Read = Callable[[Tensor], Tensor]
+# Parts of the levels whose shares are read, and the share that each has at the least.
+_PARTS, _RARE = 64, 1e-4
 _SMALLEST_TILE = 64
 #: The most memory that a network may use at a time beside its weights, in bytes.
 _MOST_BYTES = 400_000_000
@@ -107,19 +112,31 @@ class Predictor:
 
     def __call__(self, infocus: NDArray[np.uint8], defocus: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return levels, shape (y, x), for two RGB images, shape (y, x, 3)."""
-        rows, columns = infocus.shape[:2]
-        below, right = -rows % self._multiple, -columns % self._multiple
+        return self._answer(infocus, defocus, self._read)
+
+    def log_shares(
+        self, infocus: NDArray[np.uint8], defocus: NDArray[np.uint8]
+    ) -> NDArray[np.float16]:
+        """Return the logarithm of the probability of each of 64 parts of the levels, (y, x, 64).
+
+        None is below that of 1e-4, so that one pixel cannot rule out a depth.
+        """
+        return self._answer(infocus, defocus, log_shares)
+
+    def _answer(
+        self, infocus: NDArray[np.uint8], defocus: NDArray[np.uint8], read: Read
+    ) -> NDArray[Any]:
+        height, width = infocus.shape[:2]
+        below, right = -height % self._multiple, -width % self._multiple
         pixels = np.concatenate([infocus, defocus], axis=2)
         padded = np.pad(pixels, ((0, below), (0, right), (0, 0)), mode="reflect")
-        return self._levels(padded)[:rows, :columns]
-
-    def _levels(self, padded: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        levels = np.empty(padded.shape[:2], np.uint8)
+        like = read(torch.zeros(1, 1, LEVELS)).numpy()
+        whole = np.empty((*padded.shape[:2], *like.shape[2:]), like.dtype)
         step = (self._tile or self._affordable_tile(padded)) // self._multiple * self._multiple
         for rows, seen_rows, y in _spans(padded.shape[0], step, self._margin):
             for columns, seen_columns, x in _spans(padded.shape[1], step, self._margin):
-                levels[rows, columns] = self._forward(padded[seen_rows, seen_columns])[y, x]
-        return levels
+                whole[rows, columns] = self._forward(padded[seen_rows, seen_columns], read)[y, x]
+        return whole[:height, :width]
 
     def _affordable_tile(self, padded: NDArray[np.uint8]) -> int:
         rows, columns = map(int, padded.shape[:2])
@@ -128,7 +145,7 @@ class Predictor:
         # Not so small that most of the work is overlap.
         return max(math.isqrt(self._most_pixels) - 2 * self._margin, 4 * self._margin)
 
-    def _forward(self, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def _forward(self, pixels: NDArray[np.uint8], read: Read) -> NDArray[Any]:
         # The image already has channels last, so this is a view, in the fastest layout.
         given = torch.from_numpy(np.ascontiguousarray(pixels)[np.newaxis]).permute(0, 3, 1, 2)
         with (
@@ -136,12 +153,11 @@ class Predictor:
             torch.autocast(self._device.type, torch.bfloat16, enabled=self._bf16),
         ):
             hidden = self._hidden(given.to(self._device).float())
-            levels = torch.empty(pixels.shape[:2], dtype=torch.uint8, device=self._device)
-            margin = self._classify.kernel_size[0] // 2
-            for rows, seen, y in _spans(len(pixels), _ROWS_AT_A_TIME, margin):
+            found, margin = [], self._classify.kernel_size[0] // 2
+            for _, seen, y in _spans(len(pixels), _ROWS_AT_A_TIME, margin):
                 logits = self._classify(hidden[:, :, seen])[0].permute(1, 2, 0)
-                levels[rows] = self._read(logits[y])
-        return np.asarray(levels.cpu().numpy())
+                found.append(read(logits[y]))
+        return np.asarray(torch.cat(found).cpu().numpy())
 
 
 def likeliest_levels(logits: Tensor) -> Tensor:
@@ -168,6 +184,19 @@ def median_levels(logits: Tensor) -> Tensor:
     """
     below = logits.float().softmax(-1).cumsum_(-1)
     return below[..., :-1].lt_(0.5).sum(-1).to(torch.uint8)
+
+
+def log_shares(logits: Tensor) -> Tensor:
+    """Return what `Predictor.log_shares` does, float16 (y, x, part), for logits (y, x, level).
+
+    Examples
+    --------
+    >>> log_shares(torch.zeros(1, 1, 256)).unique().exp().tolist()
+    [0.0157318115234375]
+    """
+    shares = logits.float().softmax(-1)
+    parts = shares.view(*shares.shape[:2], _PARTS, -1).sum(-1)
+    return parts.add_(_RARE).log_().half()
 
 
 class LevelsOfImages(nn.Module):
