@@ -27,10 +27,7 @@ class _Learned:
     method: str
     paper: str
     #: What `dfdbench.tune` tries.
-    ranges: ClassVar[dict[str, Sequence[float]]] = {
-        "strength": (0.0, 1e2, 1e3, 1e4, 1e5),
-        "sharpness": (0.5, 1.0, 2.0, 4.0),
-    }
+    ranges: ClassVar[dict[str, Sequence[float]]] = {"strength": (0.0, 1e2, 1e3, 1e4, 1e5)}
 
     def __init__(
         self,
@@ -41,16 +38,13 @@ class _Learned:
         tile: int | None = None,
         readout: Readout | None = None,
         strength: float = 0.0,
-        sharpness: float = 1.0,
         orientations: int = 1,
     ) -> None:
         problems = [] if strength == 0 else number_within("strength", strength, 1e9)
-        problems += number_within("sharpness", sharpness, 100)
         if type(orientations) is not int or orientations not in (1, 8):
             problems.append(wrong("orientations", "1 or 8", orientations))
         MethodError.raise_if(problems)
-        self._strength, self._sharpness = float(strength), float(sharpness)
-        self._orientations = orientations
+        self._strength, self._orientations = float(strength), orientations
         #: Kept in results: the same name may hold other weights tomorrow.
         network, self.card, self.weights_sha256 = open_weights(self.method, weights)
         if readout is None:
@@ -81,7 +75,7 @@ class _Learned:
         levels = np.empty(infocus.shape[:2], np.float32)
         for top in range(0, len(levels), _ROWS):
             rows = slice(top, top + _ROWS)
-            levels[rows] = (read_out(-votes[:, rows], self._sharpness) + 0.5) * part - 0.5
+            levels[rows] = (read_out(-votes[:, rows], sharpness=1) + 0.5) * part - 0.5
         return levels
 
     def _mean(
@@ -124,12 +118,10 @@ class DfDNetMethod(_Learned):
         the thesis, or its median. By default what the weights were made for.
     strength : float
         How much pixels vote with their neighbours, as far as the in-focus image's edges: their
-        log-probabilities are smoothed `within_edges`, more texture counting more, as by `wls`. 0,
-        the thesis's way, leaves each pixel to itself. A network looks at less than most surfaces
-        are large: 10,000 takes a fifth to a third off `weights=robust`'s error on training captures
-        of rooms and of Middlebury's tracks.
-    sharpness : float
-        What a vote counts: the answer is the median of the mean vote, raised to this power.
+        log-probabilities are smoothed `within_edges`, more texture counting more, as by `wls`, and
+        the answer is the median of their mean. 0, the thesis's way, leaves each pixel to itself. A
+        network looks at less than most surfaces are large: 10,000 takes a tenth to a third off the
+        error of `weights=robust` on training captures of rooms and of Middlebury's tracks.
     orientations : {1, 8}
         8 gives the mean of the answers for the pair turned by quarters and mirrored, as training
         shows patches: each answer errs a little differently. It takes eight times as long.
