@@ -120,8 +120,8 @@ class DfDNetMethod(_Learned):
         How much pixels vote with their neighbours, as far as the in-focus image's edges: their
         log-probabilities are smoothed `within_edges`, more texture counting more, as by `wls`, and
         the answer is the median of their mean. 0, the thesis's way, leaves each pixel to itself. A
-        network looks at less than most surfaces are large: 10,000 takes a tenth to a third off the
-        error of `weights=robust` on training captures of rooms and of Middlebury's tracks.
+        network looks at less than most surfaces are large, so 10,000 helps where blur is measured
+        badly, as in noise, and does harm where it is measured well.
     orientations : {1, 8}
         8 gives the mean of the answers for the pair turned by quarters and mirrored, as training
         shows patches: each answer errs a little differently. It takes eight times as long.
