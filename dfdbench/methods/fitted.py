@@ -118,7 +118,11 @@ class Calibrated(Choosing):
     def restore(self, learned: dict[str, Any]) -> None:
         """Take back what `fit` returned."""
         learned = dict(learned)
-        self.chosen = Chosen.taken_from(learned)
+        try:
+            self.chosen = Chosen.taken_from(learned)
+        except ValueError as error:
+            what = f"not what this method learns: {error}"
+            raise MethodError(what, where=type(self).__name__, fix=REFIT) from error
         self.calibrations = Calibration.all_of(learned)
 
     @property

@@ -10,17 +10,18 @@ from numpy.typing import NDArray
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import MethodError
 from dfdbench.methods.edges import within_edges
-from dfdbench.methods.fitted import Image, number_within, wrong
+from dfdbench.methods.fitted import Image, wrong
 from dfdbench.methods.networks.inference import Precision, Predictor, Readout, find_device
 from dfdbench.methods.networks.weights import open_weights
 from dfdbench.methods.readout import read_out
 from dfdbench.methods.wls import measured
 
 _THESIS = "Emerson, Purdue 2019, doi 10.25394/PGS.8938376, chapter 5"
-# How texture is measured, and what ends a vote at edges: as by `wls`.
+# How texture is measured, and what ends a vote at edges: what `wls` tries second, and its default.
 _SMOOTHING, _WINDOW, _CONTRAST = 1.0, 15, 3.0
 # Parts of the depth range that are smoothed at once, and rows that are read at once.
-_PARTS, _ROWS = 8, 128
+_TOGETHER, _ROWS = 2, 128
+_MOST = 1e9
 
 
 class _Learned:
@@ -40,7 +41,9 @@ class _Learned:
         strength: float = 0.0,
         orientations: int = 1,
     ) -> None:
-        problems = [] if strength == 0 else number_within("strength", strength, 1e9)
+        number = isinstance(strength, int | float) and not isinstance(strength, bool)
+        right = number and 0 <= strength <= _MOST
+        problems = [] if right else [wrong("strength", f"0 to {_MOST:g}", strength)]
         if type(orientations) is not int or orientations not in (1, 8):
             problems.append(wrong("orientations", "1 or 8", orientations))
         MethodError.raise_if(problems)
@@ -67,8 +70,8 @@ class _Learned:
         votes = np.moveaxis(self._mean(self._predict.log_shares, infocus, defocus), 2, 0)
         weight = measured(infocus, defocus, _SMOOTHING, _WINDOW)[1]
         weights = within_edges(weight[np.newaxis], infocus, self._strength, _CONTRAST)
-        for first in range(0, len(votes), _PARTS):
-            some = slice(first, first + _PARTS)
+        for first in range(0, len(votes), _TOGETHER):
+            some = slice(first, first + _TOGETHER)
             lent = within_edges(weight * votes[some], infocus, self._strength, _CONTRAST)
             votes[some] = lent / weights
         part = LEVELS / len(votes)
@@ -89,11 +92,14 @@ class _Learned:
         total = np.array(next(answers), np.float32)
         for answer in answers:
             total += answer
-        return total / np.float32(self._orientations)
+        total /= np.float32(self._orientations)
+        return total
 
     def warm_up(self, infocus: Image, defocus: Image) -> None:
-        """Let the libraries choose their kernels before anything is timed."""
+        """Let the libraries choose their kernels, and compile, before anything is timed."""
         self._predict(infocus, defocus)
+        if self._strength:
+            self(infocus[:32, :32].copy(), defocus[:32, :32].copy())
 
 
 class DfDNetMethod(_Learned):
@@ -115,7 +121,8 @@ class DfDNetMethod(_Learned):
         Cut images into tiles of this many rows and columns; by default as large as 400 MB hold.
     readout : {"mode", "median"}, optional
         Which level of a pixel's distribution over all levels is the answer: the likeliest, as in
-        the thesis, or its median. By default what the weights were made for.
+        the thesis, or its median. By default what the weights were made for; the median where
+        pixels vote.
     strength : float
         How much pixels vote with their neighbours, as far as the in-focus image's edges: their
         log-probabilities are smoothed `within_edges`, more texture counting more, as by `wls`, and

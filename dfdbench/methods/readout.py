@@ -109,7 +109,10 @@ def rescaled(
     if scale is other:
         return depth, deviation
     turn = np.sign(scale[-1] - scale[0])
-    rising, place = turn * scale, turn * depth
+    # Where depths beyond an end are the end, only the innermost of them says how steep it is.
+    rises = np.diff(turn * scale) > 0
+    inner = np.append(rises, False) | np.append(False, rises)
+    rising, other, place = turn * scale[inner], other[inner], turn * depth
     step = (rising[-1] - rising[0]) / 1000
     low = np.clip(place - deviation, rising[0], rising[-1] - step)
     high = np.clip(place + deviation, low + step, rising[-1])
@@ -120,6 +123,8 @@ def rescaled(
 
 # Their names in what a fit returns.
 _FIELDS = ("prior", "prior_weight", "sharpness", "smoothing", "finer", "strength")
+# No number that a fit chooses comes near this.
+_MOST = 1e6
 
 
 @dataclass(frozen=True)
@@ -188,12 +193,23 @@ class Chosen:
 
     @classmethod
     def taken_from(cls, learned: Learned) -> Chosen:
-        """Take it out of what a fit learned; return `AS_USUAL` if nothing was chosen."""
+        """Take it out of what a fit learned; return `AS_USUAL` if nothing was chosen.
+
+        Raises
+        ------
+        ValueError
+            If a part is missing, or a number out of range.
+        """
         if _FIELDS[0] not in learned:
             return AS_USUAL
-        energy, weight, sharpness, smoothing, *rest = (learned.pop(name) for name in _FIELDS)
-        energy = np.asarray(energy, np.float64)
-        return cls(energy, float(weight), float(sharpness), int(smoothing), *map(float, rest))
+        if not all(name in learned for name in _FIELDS):
+            raise ValueError("not all that the fit chose")
+        energy, *chosen = (np.asarray(learned.pop(name), np.float64) for name in _FIELDS)
+        numbers = np.array(chosen)
+        if numbers.ndim != 1 or not ((numbers >= 0) & (numbers < _MOST)).all():
+            raise ValueError("out of range")
+        weight, sharpness, smoothing, *rest = numbers.tolist()
+        return cls(energy, weight, sharpness, int(smoothing), *rest)
 
 
 class Choice(NamedTuple):

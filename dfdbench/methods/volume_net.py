@@ -54,8 +54,8 @@ _CONTRAST = 2.0
 _SHARPNESS, _NOTHING = 3.0, 4.0
 # Training captures that it is tried on, evenly among all.
 _LOOKED_AT = 32
-# Standard errors that a mean gain has to exceed: chance alone brings one of those that are tried so
-# far in one fit of twenty.
+# Standard errors that a mean gain has to exceed: with two dozen captures or more, chance alone
+# brings one of those that are tried so far in one fit of twenty.
 _SURE, _ROUNDING = 3.0, 0.5
 # A number rounded to whole levels has this variance, in squared levels: no spread is less.
 _SMALLEST = 1 / 12
@@ -161,8 +161,8 @@ class VolumeNetMethod(Solver):
     more: about the network's answer they are looked at along paths, as `sgm` does. The answer may
     be smoothed `within_edges`. Either is done if the gain on training captures is beyond chance.
 
-    The answer is the mean over depth in the data set's own unit: a mean of metres errs less in
-    metres than a mean of levels.
+    The network's answer is the mean over depth in the data set's own unit: a mean of metres errs
+    less in metres than a mean of levels. Looking again gives a mean of levels.
 
     Parameters
     ----------
@@ -243,7 +243,8 @@ class VolumeNetMethod(Solver):
         if _DEPTHS in learned:
             depths = learned_array(learned, _DEPTHS, "volume-net", 1)
             steps = np.diff(depths) * np.sign(depths[-1] - depths[0])
-            if depths.shape != _LEVELS.shape or steps.min() < 0 or steps.max() <= 0:
+            falls = steps.min() < 0 or steps.max() <= 0 or depths.min() <= 0
+            if depths.shape != _LEVELS.shape or falls:
                 raise MethodError("not what this method learns", where="volume-net", fix=REFIT)
             self._depths = depths
             del learned[_DEPTHS]
@@ -255,9 +256,13 @@ class VolumeNetMethod(Solver):
         Gains are of the logarithm of a capture's error: each capture counts alike.
         """
         looked_at = evenly_spread(len(captures), _LOOKED_AT)
-        if len(self._tried) == 1 or len(looked_at) < FEWEST:
+        if len(self._tried) == 1:
             return *self._tried[0], _STRENGTHS[0]
-        errors = np.array([self._errors_on(captures[index]) for index in looked_at])
+        found = [self._errors_on(captures[index]) for index in looked_at]
+        # All are 0 where no depth is known.
+        errors = np.array([each for each in found if each.any()])
+        if len(errors) < FEWEST:
+            return *self._tried[0], _STRENGTHS[0]
         gains = np.log(errors[:, :1] + _ROUNDING) - np.log(errors + _ROUNDING)
         chance = gains.std(axis=0, ddof=1) / math.sqrt(len(gains))
         helps = gains.mean(axis=0) > _SURE * chance

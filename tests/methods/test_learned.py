@@ -65,6 +65,17 @@ def test_pixels_vote_within_the_image_s_edges(weights: Path, monkeypatch: Any) -
     assert np.abs(method(infocus, infocus) - depth).max() < 3
 
 
+def test_pixels_with_texture_count_more(weights: Path, monkeypatch: Any) -> None:
+    textured = np.broadcast_to(np.arange(160) % 80 < 40, (40, 160))
+    noise = np.random.default_rng(2).integers(-3, 4, (40, 160, 1))
+    infocus = (90 + np.where(textured[..., np.newaxis], noise, 0) + np.zeros(3)).astype(np.uint8)
+    voted = np.where(textured, 200.0, 40.0)
+    far = np.abs(np.arange(64) * 4 + 1.5 - voted[..., np.newaxis])
+    method: Any = load("dfd-net", weights=str(weights), device="cpu", strength=1e4)
+    monkeypatch.setattr(method._predict, "log_shares", lambda *_: -far.clip(0, 64) / 8)
+    assert np.abs(method(infocus, infocus) - 200).max() < 5
+
+
 def test_votes_are_the_network_s_log_probabilities(weights: Path) -> None:
     network = load_weights(weights, "dfd-net")[0]
     pair = np.random.default_rng(5).integers(0, 256, (2, 24, 31, 3)).astype(np.uint8)

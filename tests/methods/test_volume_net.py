@@ -99,6 +99,10 @@ def test_a_gain_that_may_be_chance_changes_nothing(monkeypatch: pytest.MonkeyPat
         errors = iter(np.full((8, 30), 40.0) - gains / 8)
         monkeypatch.setattr(method, "_errors_on", lambda capture, errors=errors: next(errors))
         assert method._best_tried([None] * 8) == best  # type: ignore[list-item]
+    # Captures without known depth do not count, and three are too few to tell.
+    errors = iter(np.where(np.arange(8)[:, np.newaxis] < 3, 40.0 - steady / 8, 0.0))
+    monkeypatch.setattr(method, "_errors_on", lambda capture: next(errors))
+    assert method._best_tried([None] * 8) == (0.0, 1, 0.0)  # type: ignore[list-item]
 
 
 @pytest.mark.parametrize("finer", [0.0, 2.0])
@@ -131,6 +135,18 @@ def test_on_a_set_in_metres_it_answers_the_mean_of_metres() -> None:
     assert beyond.min() > -1e-3
     assert np.median(beyond) > 1e-3
     assert 0.85 < (np.abs(own - in_levels.levels) <= 1.645 * sigma).mean() < 0.95
+    # Of metres nothing stays after a fit in levels.
+    method.restore(dict(method.fit([in_levels])))  # type: ignore[misc]
+    assert np.array_equal(method(in_levels.infocus, in_levels.defocus)[0], levels)
+
+
+def test_beyond_the_end_of_a_scale_a_spread_stays_what_it_is() -> None:
+    # Of levels from 155 on all are the nearest distance.
+    scale = DepthScale(near=0.5, far=5.0, near_level=155).to_metres(np.arange(256))
+    near, within = np.array([[[0.52]], [[0.05]]], np.float32)
+    levels, spread = rescaled(near, within, scale, np.arange(256.0))
+    assert levels[0, 0] < 155
+    assert spread[0, 0] < 20
 
 
 @pytest.mark.parametrize("scale", [np.arange(256.0), 1 / np.linspace(0.1, 2, 256)])
@@ -142,9 +158,18 @@ def test_another_scale_and_back_is_the_same_depth(scale: np.ndarray) -> None:
     np.testing.assert_allclose(back[1], spread, rtol=0.1)
 
 
-@pytest.mark.parametrize("depths", [np.arange(9.0), np.arange(256) % 100, np.ones(256)])
+@pytest.mark.parametrize(
+    "depths", [np.arange(9.0), np.arange(256) % 100, np.ones(256), -np.arange(256.0)]
+)
 def test_a_damaged_scale_is_refused(depths: np.ndarray) -> None:
     pair, method = slope(3), volume_net.VolumeNetMethod(device="cpu")
     learned = dict(method.fit([pair]))  # type: ignore[misc]
     with pytest.raises(MethodError, match="not what this method learns"):
         method.restore(learned | {"depths": depths})
+    for name, damaged in (("finer", -1.0), ("strength", np.nan), ("smoothing", 1e12)):
+        with pytest.raises(MethodError, match="out of range") as caught:
+            method.restore(learned | {name: damaged})
+        assert caught.value.problems[0].fix == "fit the method again"
+    del learned["strength"]
+    with pytest.raises(MethodError, match="not all that the fit chose"):
+        method.restore(learned)
