@@ -242,9 +242,9 @@ class VolumeNetMethod(Solver):
         self._depths = None
         if _DEPTHS in learned:
             depths = learned_array(learned, _DEPTHS, "volume-net", 1)
-            steps = np.diff(depths) * np.sign(depths[-1] - depths[0])
-            falls = steps.min() < 0 or steps.max() <= 0 or depths.min() <= 0
-            if depths.shape != _LEVELS.shape or falls:
+            way = np.sign(depths[-1] - depths[0])
+            right = depths.shape == _LEVELS.shape and way and depths.min() > 0
+            if not (right and (way * np.diff(depths) >= 0).all()):
                 raise MethodError("not what this method learns", where="volume-net", fix=REFIT)
             self._depths = depths
             del learned[_DEPTHS]
@@ -255,14 +255,17 @@ class VolumeNetMethod(Solver):
 
         Gains are of the logarithm of a capture's error: each capture counts alike.
         """
-        looked_at = evenly_spread(len(captures), _LOOKED_AT)
-        if len(self._tried) == 1:
-            return *self._tried[0], _STRENGTHS[0]
+        looked_at, usual = (
+            evenly_spread(len(captures), _LOOKED_AT),
+            (*self._tried[0], _STRENGTHS[0]),
+        )
+        if len(self._tried) == 1 or len(looked_at) < FEWEST:
+            return usual
         found = [self._errors_on(captures[index]) for index in looked_at]
         # All are 0 where no depth is known.
         errors = np.array([each for each in found if each.any()])
         if len(errors) < FEWEST:
-            return *self._tried[0], _STRENGTHS[0]
+            return usual
         gains = np.log(errors[:, :1] + _ROUNDING) - np.log(errors + _ROUNDING)
         chance = gains.std(axis=0, ddof=1) / math.sqrt(len(gains))
         helps = gains.mean(axis=0) > _SURE * chance

@@ -159,7 +159,7 @@ def test_another_scale_and_back_is_the_same_depth(scale: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize(
-    "depths", [np.arange(9.0), np.arange(256) % 100, np.ones(256), -np.arange(256.0)]
+    "depths", [np.ones(1), np.arange(9.0), np.arange(256) % 100, np.ones(256), -np.arange(256.0)]
 )
 def test_a_damaged_scale_is_refused(depths: np.ndarray) -> None:
     pair, method = slope(3), volume_net.VolumeNetMethod(device="cpu")
