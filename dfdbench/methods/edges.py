@@ -61,6 +61,24 @@ def within_edges(
     return smooth
 
 
+def lent_within_edges(
+    fields: Array, weight: Array, guide: Image, strength: float, contrast: float
+) -> NDArray[np.float64]:
+    """Return fields whose pixels lend each other what they say, by weight, within edges.
+
+    The quotient of weighted fields and the weight, shape (y, x), both smoothed by `within_edges`.
+
+    Examples
+    --------
+    >>> guide, said = np.full((1, 4), 90, np.uint8), np.array([[[8.0, 0.0, 0.0, 8.0]]])
+    >>> lent_within_edges(said, np.array([[1, 0.01, 0.01, 1]]), guide, 1e4, 3).round(1).tolist()
+    [[[7.9, 7.9, 7.9, 7.9]]]
+    """
+    weighted = np.concatenate([weight * fields, weight[np.newaxis]])
+    smooth = within_edges(weighted, guide, strength, contrast)
+    return np.asarray(smooth[:-1] / smooth[-1])
+
+
 @compiled()
 def _smooth_rows(fields: Array, ties: Array) -> None:
     """Solve ``(1 + L) u = f`` on each row of fields, in place; L ties neighbours to each other.

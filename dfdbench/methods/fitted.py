@@ -469,11 +469,11 @@ def fit_problems(prior: Any, window: Any) -> list[Problem]:
     return problems + ([] if window is None else odd_window("window", window))
 
 
-def number_within(name: str, value: Any, most: float) -> list[Problem]:
-    """Return the problem of a number that is not above 0 and at most `most`."""
+def number_within(name: str, value: Any, most: float, zero: bool = False) -> list[Problem]:
+    """Return the problem of a number that is not above 0, or `zero`, and at most `most`."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    right = number and 0 < value <= most
-    return [] if right else [wrong(name, f"above 0, at most {most:g}", value)]
+    right = number and (0 < value <= most or (zero and value == 0))
+    return [] if right else [wrong(name, f"above 0, at most {most:g}{', or 0' * zero}", value)]
 
 
 def wrong(name: str, expected: str, got: Any) -> Problem:

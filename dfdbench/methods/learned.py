@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from dfdbench.blur.recipe import LEVELS
 from dfdbench.errors import MethodError
-from dfdbench.methods.edges import within_edges
-from dfdbench.methods.fitted import Image, wrong
+from dfdbench.methods.edges import lent_within_edges
+from dfdbench.methods.fitted import Image, number_within, wrong
 from dfdbench.methods.networks.inference import Precision, Predictor, Readout, find_device
 from dfdbench.methods.networks.weights import open_weights
 from dfdbench.methods.readout import read_out
@@ -20,8 +20,7 @@ _THESIS = "Emerson, Purdue 2019, doi 10.25394/PGS.8938376, chapter 5"
 # How texture is measured, and what ends a vote at edges: what `wls` tries second, and its default.
 _SMOOTHING, _WINDOW, _CONTRAST = 1.0, 15, 3.0
 # Parts of the depth range that are smoothed at once, and rows that are read at once.
-_TOGETHER, _ROWS = 2, 128
-_MOST = 1e9
+_TOGETHER, _ROWS = 4, 128
 
 
 class _Learned:
@@ -41,9 +40,7 @@ class _Learned:
         strength: float = 0.0,
         orientations: int = 1,
     ) -> None:
-        number = isinstance(strength, int | float) and not isinstance(strength, bool)
-        right = number and 0 <= strength <= _MOST
-        problems = [] if right else [wrong("strength", f"0 to {_MOST:g}", strength)]
+        problems = number_within("strength", strength, 1e9, zero=True)
         if type(orientations) is not int or orientations not in (1, 8):
             problems.append(wrong("orientations", "1 or 8", orientations))
         MethodError.raise_if(problems)
@@ -69,11 +66,10 @@ class _Learned:
         # Each pixel's votes, as log-probabilities.
         votes = np.moveaxis(self._mean(self._predict.log_shares, infocus, defocus), 2, 0)
         weight = measured(infocus, defocus, _SMOOTHING, _WINDOW)[1]
-        weights = within_edges(weight[np.newaxis], infocus, self._strength, _CONTRAST)
         for first in range(0, len(votes), _TOGETHER):
             some = slice(first, first + _TOGETHER)
-            lent = within_edges(weight * votes[some], infocus, self._strength, _CONTRAST)
-            votes[some] = lent / weights
+            by = weight, infocus, self._strength, _CONTRAST
+            votes[some] = lent_within_edges(votes[some], *by)
         part = LEVELS / len(votes)
         levels = np.empty(infocus.shape[:2], np.float32)
         for top in range(0, len(levels), _ROWS):

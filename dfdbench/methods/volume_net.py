@@ -255,10 +255,8 @@ class VolumeNetMethod(Solver):
 
         Gains are of the logarithm of a capture's error: each capture counts alike.
         """
-        looked_at, usual = (
-            evenly_spread(len(captures), _LOOKED_AT),
-            (*self._tried[0], _STRENGTHS[0]),
-        )
+        looked_at = evenly_spread(len(captures), _LOOKED_AT)
+        usual = *self._tried[0], _STRENGTHS[0]
         if len(self._tried) == 1 or len(looked_at) < FEWEST:
             return usual
         found = [self._errors_on(captures[index]) for index in looked_at]

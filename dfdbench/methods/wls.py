@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dfdbench.errors import MethodError
 from dfdbench.methods import fitted
 from dfdbench.methods.choices import Part, cut_out, groups_of
-from dfdbench.methods.edges import within_edges
+from dfdbench.methods.edges import lent_within_edges
 from dfdbench.methods.method import Learned, TrainingPair
 from dfdbench.methods.readout import Choice
 from dfdbench.methods.s_transform import laplacian_and_difference
@@ -141,9 +141,8 @@ class WeightedLeastSquares:
     ) -> NDArray[np.float64]:
         if not strength:
             return variance
-        fields = np.stack([weight * variance, weight])
-        lent, weights = within_edges(fields, infocus, strength, self._contrast)
-        return np.asarray(lent / weights)
+        by = weight, infocus, strength, self._contrast
+        return np.asarray(lent_within_edges(variance[np.newaxis], *by)[0])
 
     def _best_on(self, pairs: Sequence[TrainingPair]) -> Choice:
         """Return the choice of least absolute error, each group's by a table of the others."""
