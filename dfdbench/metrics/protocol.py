@@ -360,6 +360,8 @@ def score(
         errors = squared_errors(truth, test, sigma, mask)
         return {name: each.function(errors, data_range=whole) for name, each in SURENESS.items()}
     divisor = whole if protocol.divisor == "255" else None
+    # Once, since each metric would.
+    truth, test = (np.asarray(each, np.float64) for each in (truth, test))
     found = {}
     for name, metric in METRICS.items():
         own = metric.data_range if unit == "levels" else whole

@@ -59,14 +59,19 @@ def regions_of(
     around = cv2.dilate(jumps, np.ones((_SIDE - 2, _SIDE - 2), np.uint8)) > 0
     # Channel by channel: numpy's mean over an axis of three takes more than twice as long.
     channels = np.moveaxis(infocus.reshape(*known.shape, -1), 2, 0)
-    grey = sum(channels, np.zeros(known.shape)) / len(channels)
+    grey = np.zeros(known.shape)
+    for channel in channels:
+        grey += channel
+    grey /= len(channels)
     window, edge = (_SIDE, _SIDE), cv2.BORDER_REPLICATE
     mean, square = (
-        cv2.boxFilter(values, cv2.CV_64F, window, borderType=edge) for values in (grey, grey**2)
+        cv2.boxFilter(values, cv2.CV_64F, window, borderType=edge) for values in (grey, grey * grey)
     )
-    flat = square - mean**2 < _FLAT**2
-    share = (depth - far) / (near - far)
-    masks = (around, flat, share < 1 / 3, share > 2 / 3)
+    square -= np.square(mean, out=mean)
+    flat = square < _FLAT**2
+    depth -= far
+    depth /= near - far
+    masks = (around, flat, depth < 1 / 3, depth > 2 / 3)
     return {name: known & mask for name, mask in zip(REGIONS, masks, strict=True)}
 
 
