@@ -184,25 +184,25 @@ class Predictions:
     def _opened(self, scene: str, name: str, shape: tuple[int, ...]) -> zarr.Array[Any]:
         axes = self._axes
         group = zarr.open_group(self._folder / PREDICTIONS, path=scene, mode="a", zarr_format=3)
-        if name not in group:
-            # `sel` finds depth maps by these values; one cut short by a kill is written again.
-            for axis, values in axes.items():
-                group.create_array(
-                    axis, data=np.asarray(values, np.int64), dimension_names=(axis,), overwrite=True
-                )
+        if name in group:
+            array = group[name]
+            assert isinstance(array, zarr.Array)
+            return array
+        # `sel` finds depth maps by these values; one cut short by a kill is written again.
+        for axis, values in axes.items():
             group.create_array(
-                name,
-                shape=(*(len(values) for values in axes.values()), *shape),
-                chunks=(*(1 for _ in axes), *shape),
-                dtype="float32",
-                fill_value=math.nan,
-                chunk_key_encoding=CHUNK_KEYS,
-                dimension_names=(*axes, "y", "x"),
-                attributes={"axes": {axis: list(values) for axis, values in axes.items()}},
+                axis, data=np.asarray(values, np.int64), dimension_names=(axis,), overwrite=True
             )
-        array = group[name]
-        assert isinstance(array, zarr.Array)
-        return array
+        return group.create_array(
+            name,
+            shape=(*(len(values) for values in axes.values()), *shape),
+            chunks=(*(1 for _ in axes), *shape),
+            dtype="float32",
+            fill_value=math.nan,
+            chunk_key_encoding=CHUNK_KEYS,
+            dimension_names=(*axes, "y", "x"),
+            attributes={"axes": {axis: list(values) for axis, values in axes.items()}},
+        )
 
 
 def read_prediction(
