@@ -67,11 +67,11 @@ def regions_of(
     mean, square = (
         cv2.boxFilter(values, cv2.CV_64F, window, borderType=edge) for values in (grey, grey * grey)
     )
-    square -= np.square(mean, out=mean)
-    flat = square < _FLAT**2
-    depth -= far
-    depth /= near - far
-    masks = (around, flat, depth < 1 / 3, depth > 2 / 3)
+    # In place: new arrays of this size take longer than what is computed into them.
+    variance = np.subtract(square, np.square(mean, out=mean), out=square)
+    share = np.subtract(depth, far, out=depth)
+    share /= near - far
+    masks = (around, variance < _FLAT**2, share < 1 / 3, share > 2 / 3)
     return {name: known & mask for name, mask in zip(REGIONS, masks, strict=True)}
 
 
